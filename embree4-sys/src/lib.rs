@@ -1,0 +1,1 @@
+//! Declarations of the Embree 4.3+ ABI.

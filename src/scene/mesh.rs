@@ -1,0 +1,48 @@
+//! Vertices as they come out of a reader: plain columns, object space.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Triangles. `normals` and `uvs` are empty or as long as `positions`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriangleMesh {
+    /// Vertex positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Shading normals, not necessarily unit; empty when absent.
+    pub normals: Vec<[f32; 3]>,
+    /// Texture coordinates; empty when absent.
+    pub uvs: Vec<[f32; 2]>,
+    /// Shading tangents (pbrt's `S`); empty when absent.
+    pub tangents: Vec<[f32; 3]>,
+    /// Corner indices, each below `positions.len()`.
+    pub indices: Vec<[u32; 3]>,
+}
+
+/// Bilinear patches; corners p00, p10, p01, p11 as pbrt orders them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PatchMesh {
+    /// Vertex positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Shading normals; empty when absent.
+    pub normals: Vec<[f32; 3]>,
+    /// Texture coordinates; empty when absent (the patch's own u, v then).
+    pub uvs: Vec<[f32; 2]>,
+    /// Four corners a patch.
+    pub indices: Vec<[u32; 4]>,
+}
+
+/// Where a mesh comes from; loaded when the plan asks for it.
+#[derive(Clone, Debug)]
+pub enum MeshSource {
+    /// Given in the scene file.
+    Inline(Arc<TriangleMesh>),
+    /// A PLY file (triangles; quads and polygons become triangles).
+    Ply(PathBuf),
+    /// Loop subdivision of a control mesh.
+    Loop {
+        /// Control mesh.
+        control: Arc<TriangleMesh>,
+        /// Levels of refinement.
+        levels: u32,
+    },
+}

@@ -1,0 +1,8 @@
+//! What a scene file says: flat tables, typed ids, no pixels and no vertices beyond what a file
+//! forces. Readers fill it; nothing here loads, traces or shades.
+
+pub mod description;
+pub mod mesh;
+
+pub use description::*;
+pub use mesh::*;
