@@ -1,1 +1,113 @@
-//! (empty room)
+//! Closest hit and occlusion over slices of geometry. Knows no store, no material and no file.
+//! Whoever builds a [`Accel`] keeps the vertex memory alive; a query allocates nothing.
+
+#[cfg(feature = "embree")]
+pub mod embree;
+
+use glam::Vec3;
+
+/// "No geometry", "no instance".
+pub const NONE: u32 = u32::MAX;
+
+/// A ray: points `origin + t·direction` for t in (t_min, t_max). `direction` need not be unit.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Origin, world space.
+    pub origin: Vec3,
+    /// Direction, world space.
+    pub direction: Vec3,
+    /// Nearest distance that counts.
+    pub t_min: f32,
+    /// Farthest distance that counts.
+    pub t_max: f32,
+}
+
+impl Ray {
+    /// From `origin` along `direction` without end.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
+    }
+}
+
+/// The nearest intersection. `geometry == NONE` is a miss.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// Distance along the ray in units of its direction's length.
+    pub t: f32,
+    /// First parameter of the primitive: for triangles the weight of vertex 1.
+    pub u: f32,
+    /// Second parameter: for triangles the weight of vertex 2.
+    pub v: f32,
+    /// Index of the geometry in the order it was given; inside an instance, within its object.
+    pub geometry: u32,
+    /// Index of the primitive in its geometry.
+    pub primitive: u32,
+    /// Index of the instance, or [`NONE`].
+    pub instance: u32,
+}
+
+impl Hit {
+    /// No intersection.
+    pub const MISS: Self =
+        Self { t: f32::INFINITY, u: 0.0, v: 0.0, geometry: NONE, primitive: NONE, instance: NONE };
+}
+
+/// Primitives that intersect themselves (quadrics, patches), and per-hit opacity; implemented by
+/// the room that owns the shapes.
+pub trait Custom: Sync + Send {
+    /// Axis-aligned bounds of primitive `primitive` of the geometry known as `user`, in its
+    /// object's space.
+    fn bounds(&self, user: u32, primitive: u32) -> (Vec3, Vec3);
+    /// Nearest intersection in (t_min, t_max): t, u, v.
+    fn intersect(&self, user: u32, primitive: u32, ray: &Ray) -> Option<(f32, f32, f32)>;
+    /// Whether the surface is there at (u, v) for this ray (alpha masks). The answer may depend
+    /// on the ray and the hit, and on nothing else.
+    fn is_opaque(&self, user: u32, primitive: u32, u: f32, v: f32, ray: &Ray) -> bool;
+}
+
+/// Geometry handed to a backend.
+#[derive(Clone, Copy)]
+pub enum Geometry<'a> {
+    /// Triangles over shared vertex memory, which must outlive the scene and be readable for 16
+    /// bytes at the last vertex.
+    Triangles {
+        /// Vertices.
+        positions: &'a [[f32; 3]],
+        /// Corners.
+        indices: &'a [[u32; 3]],
+        /// Name passed to [`Custom::is_opaque`]; `None` when every hit counts.
+        alpha: Option<u32>,
+    },
+    /// Primitives that [`Custom`] intersects.
+    Custom {
+        /// How many.
+        count: u32,
+        /// Name passed to [`Custom`].
+        user: u32,
+        /// Whether to ask [`Custom::is_opaque`].
+        alpha: bool,
+    },
+}
+
+/// One object placed in the world.
+#[derive(Clone, Copy, Debug)]
+pub struct InstanceOf {
+    /// Index of the object's scene.
+    pub object: u32,
+    /// Object to world, column-major 3×4 (three axes, then translation).
+    pub transform: [f32; 12],
+}
+
+/// Answers rays. Implemented by Embree now; the native BVH takes the same place.
+pub trait Accel: Sync {
+    /// The nearest hit.
+    fn closest(&self, ray: &Ray) -> Hit;
+    /// Whether anything lies in (t_min, t_max).
+    fn occluded(&self, ray: &Ray) -> bool;
+    /// Bytes held by acceleration structures now, as far as the backend reports them.
+    fn bytes(&self) -> u64;
+    /// World bounds; an empty scene has min > max.
+    fn bounds(&self) -> (Vec3, Vec3);
+}

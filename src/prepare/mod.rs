@@ -1,1 +1,109 @@
-//! (empty room)
+//! Reads the description once and says what can ever be needed. Loads nothing, decides no
+//! sampling: it only follows references.
+
+use crate::scene::{
+    ImageId, Light, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId,
+};
+use crate::texture::ImageNeeds;
+
+/// For each image: whether anything visible reads it, and whether any of its readers filters over
+/// mip levels.
+#[must_use]
+pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
+    let mut walk = Walk {
+        scene,
+        needs: vec![ImageNeeds::default(); scene.images.len()],
+        textures: vec![false; scene.textures.len()],
+        materials: vec![false; scene.materials.len()],
+    };
+    for shape in scene.shapes.iter().chain(scene.objects.iter().flatten()) {
+        walk.material(shape.material);
+        if let Some(alpha) = shape.alpha {
+            walk.texture(alpha);
+        }
+        if let Some(light) = shape.area_light
+            && let Some(image) = scene.area_lights[light.index()].image
+        {
+            walk.image(image, false);
+        }
+    }
+    for light in &scene.lights {
+        if let Light::Image { image, .. } = light {
+            walk.image(*image, false);
+        }
+    }
+    walk.needs
+}
+
+struct Walk<'a> {
+    scene: &'a SceneDescription,
+    needs: Vec<ImageNeeds>,
+    textures: Vec<bool>,
+    materials: Vec<bool>,
+}
+
+impl Walk<'_> {
+    fn image(&mut self, id: ImageId, mip_levels: bool) {
+        let n = &mut self.needs[id.index()];
+        n.used = true;
+        n.mip_levels |= mip_levels;
+    }
+
+    fn texture(&mut self, id: TextureId) {
+        if std::mem::replace(&mut self.textures[id.index()], true) {
+            return;
+        }
+        match &self.scene.textures[id.index()] {
+            Texture::Constant(_) | Texture::Bilerp { .. } => {}
+            Texture::Image { image, filter, .. } => {
+                self.image(*image, matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa));
+            }
+            Texture::Scale { texture: a, scale: b }
+            | Texture::DirectionMix { a, b, .. }
+            | Texture::Checkerboard { a, b, .. }
+            | Texture::Checkerboard3d { a, b, .. } => {
+                self.texture(*a);
+                self.texture(*b);
+            }
+            Texture::Mix { a, b, amount } => {
+                for t in [a, b, amount] {
+                    self.texture(*t);
+                }
+            }
+        }
+    }
+
+    fn material(&mut self, id: MaterialId) {
+        if std::mem::replace(&mut self.materials[id.index()], true) {
+            return;
+        }
+        match &self.scene.materials[id.index()] {
+            Material::Diffuse { reflectance } => self.texture(*reflectance),
+            Material::CoatedDiffuse { reflectance, roughness, .. }
+            | Material::ConductorReflectance { reflectance, roughness } => {
+                for t in [*reflectance, roughness.u, roughness.v] {
+                    self.texture(t);
+                }
+            }
+            Material::Conductor { eta, k, roughness } => {
+                for t in [*eta, *k, roughness.u, roughness.v] {
+                    self.texture(t);
+                }
+            }
+            Material::Dielectric { roughness, .. } => {
+                self.texture(roughness.u);
+                self.texture(roughness.v);
+            }
+            Material::DiffuseTransmission { reflectance, transmittance, .. } => {
+                self.texture(*reflectance);
+                self.texture(*transmittance);
+            }
+            Material::Mix { a, b, amount } => {
+                self.material(*a);
+                self.material(*b);
+                self.texture(*amount);
+            }
+            Material::ThinDielectric { .. } | Material::Interface => {}
+        }
+    }
+}

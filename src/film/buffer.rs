@@ -1,0 +1,129 @@
+//! Sums of samples by tile. A tile's samples arrive pass by pass and in one order only, whoever
+//! computes them, so the sums do not depend on who finished first.
+
+use std::sync::Mutex;
+
+/// Side of a tile in pixels.
+pub const TILE: u32 = 8;
+
+/// A tile's pixels: weighted RGB and weight.
+struct Tile {
+    sums: Vec<[f32; 4]>,
+    passes: u32,
+}
+
+/// The film while rendering: a crop window cut into tiles.
+pub struct FilmBuffer {
+    /// Window in pixels: x0, y0, x1, y1 (exclusive).
+    crop: [u32; 4],
+    across: u32,
+    tiles: Vec<Mutex<Tile>>,
+}
+
+/// Pixels of a tile: x0, y0, x1, y1 (exclusive).
+pub type Rectangle = [u32; 4];
+
+impl FilmBuffer {
+    /// An empty film for the window `crop` (not empty).
+    #[must_use]
+    pub fn new(crop: [u32; 4]) -> Self {
+        let (w, h) = (crop[2] - crop[0], crop[3] - crop[1]);
+        let (across, down) = (w.div_ceil(TILE), h.div_ceil(TILE));
+        let mut buffer = Self { crop, across, tiles: Vec::new() };
+        buffer.tiles = (0..across * down)
+            .map(|i| {
+                let [x0, y0, x1, y1] = buffer.rectangle(i);
+                let pixels = ((x1 - x0) * (y1 - y0)) as usize;
+                Mutex::new(Tile { sums: vec![[0.0; 4]; pixels], passes: 0 })
+            })
+            .collect();
+        buffer
+    }
+
+    /// How many tiles there are.
+    #[must_use]
+    pub fn tile_count(&self) -> u32 {
+        self.tiles.len() as u32
+    }
+
+    /// Pixels of tile `i`.
+    #[must_use]
+    pub fn rectangle(&self, i: u32) -> Rectangle {
+        let (x, y) = (self.crop[0] + i % self.across * TILE, self.crop[1] + i / self.across * TILE);
+        [x, y, (x + TILE).min(self.crop[2]), (y + TILE).min(self.crop[3])]
+    }
+
+    /// Adds the sums of one pass over tile `i`, in pixel order. Passes of a tile must come in
+    /// order; whoever is early waits, which happens only where a pass ends.
+    pub fn add(&self, i: u32, pass: u32, sums: &[[f32; 4]]) {
+        loop {
+            {
+                let mut tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
+                if tile.passes == pass {
+                    for (sum, add) in tile.sums.iter_mut().zip(sums) {
+                        for (s, a) in sum.iter_mut().zip(add) {
+                            *s += a;
+                        }
+                    }
+                    tile.passes += 1;
+                    return;
+                }
+            }
+            std::thread::yield_now();
+        }
+    }
+
+    /// Weighted means in rows over the window; black where there is no weight.
+    #[must_use]
+    pub fn resolve(&self) -> Vec<[f32; 3]> {
+        let width = (self.crop[2] - self.crop[0]) as usize;
+        let mut image = vec![[0.0; 3]; width * (self.crop[3] - self.crop[1]) as usize];
+        for i in 0..self.tile_count() {
+            let [x0, y0, x1, y1] = self.rectangle(i);
+            let tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
+            let mut sums = tile.sums.iter();
+            for y in y0 - self.crop[1]..y1 - self.crop[1] {
+                for x in x0 - self.crop[0]..x1 - self.crop[0] {
+                    let [r, g, b, w] = *sums.next().expect("a tile has as many sums as pixels");
+                    if w != 0.0 {
+                        image[y as usize * width + x as usize] = [r / w, g / w, b / w];
+                    }
+                }
+            }
+        }
+        image
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_cover_an_odd_window_once() {
+        let film = FilmBuffer::new([3, 5, 20, 30]);
+        let mut seen = vec![0; 17 * 25];
+        for i in 0..film.tile_count() {
+            let [x0, y0, x1, y1] = film.rectangle(i);
+            for y in y0..y1 {
+                for x in x0..x1 {
+                    seen[((y - 5) * 17 + x - 3) as usize] += 1;
+                }
+            }
+        }
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    #[test]
+    fn the_order_of_threads_does_not_change_the_sum() {
+        // Three passes whose f32 sum depends on the order; the film keeps theirs.
+        let film = FilmBuffer::new([0, 0, 1, 1]);
+        std::thread::scope(|s| {
+            for pass in (0..3).rev() {
+                let film = &film;
+                s.spawn(move || film.add(0, pass, &[[[1e8, 1.0, -1e8][pass as usize], 0.0, 0.0, 1.0]]));
+            }
+        });
+        assert_eq!(film.resolve()[0][0], ((1e8f32 + 1.0) - 1e8) / 3.0);
+    }
+}

@@ -1,0 +1,282 @@
+//! Reads every mesh of a scene in parallel, brings it into world space, and lists surfaces in the
+//! order the acceleration structure will know them by.
+
+use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
+use crate::accel::{Custom, Geometry, InstanceOf, Ray};
+use crate::error::Result;
+use crate::math::Transform;
+use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+/// Evaluates an opacity texture; given by the room that owns the textures.
+pub trait Opacity: Sync + Send {
+    /// Opacity in [0, 1] at texture coordinates and position.
+    fn opacity(&self, texture: TextureId, uv: Vec2, p: Vec3) -> f32;
+}
+
+/// Everything at rest: surfaces of the world first, then those of each object in turn.
+pub struct SceneGeometry {
+    /// All surfaces.
+    pub surfaces: Vec<Surface>,
+    /// How many of them are the world's own.
+    pub world_count: usize,
+    /// Objects as ranges of surfaces.
+    pub objects: Vec<std::ops::Range<usize>>,
+    /// Placed objects.
+    pub instances: Vec<PlacedInstance>,
+    /// For alpha masks; `None` when no surface has one.
+    pub opacity: Option<Box<dyn Opacity>>,
+}
+
+/// Loads the shapes of `scene`.
+///
+/// # Errors
+/// The first mesh, in the scene's order, that cannot be read.
+pub fn load(scene: &SceneDescription) -> Result<SceneGeometry> {
+    // An interface without emission neither scatters nor emits. Unless it separates media, no ray
+    // need ever stop at it.
+    let visible = |s: &&Shape| {
+        !matches!(scene.materials[s.material.index()], Material::Interface)
+            || s.area_light.is_some()
+            || s.medium.is_some()
+    };
+    let mut shapes: Vec<&Shape> = scene.shapes.iter().filter(visible).collect();
+    let world_count = shapes.len();
+    let mut objects = Vec::with_capacity(scene.objects.len());
+    for object in &scene.objects {
+        let start = shapes.len();
+        shapes.extend(object.iter().filter(visible));
+        objects.push(start..shapes.len());
+    }
+    // Collected as results first, so that the error reported is the first in the scene's order.
+    let loaded: Vec<Result<Surface>> = shapes.par_iter().map(|s| surface(scene, s)).collect();
+    let surfaces = loaded.into_iter().collect::<Result<Vec<_>>>()?;
+    let instances = scene
+        .instances
+        .iter()
+        .filter(|i| !objects[i.object.index()].is_empty())
+        .map(|i| PlacedInstance {
+            to_world: i.instance_to_world,
+            object: i.object.0,
+            surface_base: u32::try_from(objects[i.object.index()].start).expect("surfaces are counted in u32"),
+        })
+        .collect();
+    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None })
+}
+
+fn surface(scene: &SceneDescription, shape: &Shape) -> Result<Surface> {
+    let to_world = &shape.object_to_world;
+    let flip = shape.reverse_orientation ^ to_world.swaps_handedness();
+    let kind = match &shape.kind {
+        ShapeKind::Mesh(id) => {
+            let mesh = match &scene.meshes[id.index()] {
+                MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
+                MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
+                MeshSource::Loop { control, levels } => super::loop_subdivision::subdivide(control, *levels)?,
+            };
+            SurfaceShape::Mesh(place_mesh(mesh, to_world, shape.reverse_orientation))
+        }
+        ShapeKind::Patches(id) => {
+            let p = &scene.patch_meshes[id.index()];
+            SurfaceShape::Patches(Patches {
+                positions: p.positions.iter().map(|&v| to_world.point(v.into()).to_array()).collect(),
+                normals: place_normals(&p.normals, to_world, shape.reverse_orientation),
+                uvs: p.uvs.clone(),
+                indices: p.indices.clone(),
+            })
+        }
+        quadric => SurfaceShape::Quadric(
+            Quadric::new(quadric, *to_world).expect("shapes that are neither mesh nor patches are quadrics"),
+        ),
+    };
+    Ok(Surface {
+        shape: kind,
+        material: shape.material,
+        flip_normal: flip,
+        area_light: shape.area_light,
+        alpha: shape.alpha,
+        medium: shape.medium,
+    })
+}
+
+fn place_mesh(mut mesh: TriangleMesh, to_world: &Transform, reverse: bool) -> Mesh {
+    if *to_world != Transform::IDENTITY {
+        for v in &mut mesh.positions {
+            *v = to_world.point(Vec3::from(*v)).to_array();
+        }
+        for t in &mut mesh.tangents {
+            *t = to_world.vector(Vec3::from(*t)).to_array();
+        }
+    }
+    // Embree reads 16 bytes at the last vertex.
+    mesh.positions.reserve_exact(1);
+    Mesh {
+        normals: place_normals(&mesh.normals, to_world, reverse),
+        positions: mesh.positions,
+        uvs: mesh.uvs,
+        tangents: mesh.tangents,
+        indices: mesh.indices,
+    }
+}
+
+fn place_normals(normals: &[[f32; 3]], to_world: &Transform, reverse: bool) -> Vec<[f32; 3]> {
+    let sign = if reverse { -1.0 } else { 1.0 };
+    normals.iter().map(|&n| (to_world.normal(n.into()).normalize_or_zero() * sign).to_array()).collect()
+}
+
+impl SceneGeometry {
+    /// Bytes of vertices and attributes.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.surfaces
+            .iter()
+            .map(|s| match &s.shape {
+                SurfaceShape::Mesh(m) => {
+                    12 * (m.positions.capacity() + m.normals.len() + m.tangents.len() + m.indices.len())
+                        + 8 * m.uvs.len()
+                }
+                SurfaceShape::Patches(p) => {
+                    12 * (p.positions.len() + p.normals.len()) + 8 * p.uvs.len() + 16 * p.indices.len()
+                }
+                SurfaceShape::Quadric(_) => size_of::<Surface>(),
+            } as u64)
+            .sum()
+    }
+
+    /// Triangles and other primitives, instances not multiplied.
+    #[must_use]
+    pub fn primitive_count(&self) -> u64 {
+        self.surfaces
+            .iter()
+            .map(|s| match &s.shape {
+                SurfaceShape::Mesh(m) => m.indices.len() as u64,
+                SurfaceShape::Patches(p) => p.indices.len() as u64,
+                SurfaceShape::Quadric(_) => 1,
+            })
+            .sum()
+    }
+
+    fn described(&self, range: std::ops::Range<usize>) -> Vec<Geometry<'_>> {
+        range
+            .map(|i| {
+                let user = u32::try_from(i).expect("surfaces are counted in u32");
+                let s = &self.surfaces[i];
+                match &s.shape {
+                    SurfaceShape::Mesh(m) => Geometry::Triangles {
+                        positions: &m.positions,
+                        indices: &m.indices,
+                        alpha: s.alpha.map(|_| user),
+                    },
+                    SurfaceShape::Patches(p) => Geometry::Custom {
+                        count: u32::try_from(p.indices.len()).expect("primitives are counted in u32"),
+                        user,
+                        alpha: s.alpha.is_some(),
+                    },
+                    SurfaceShape::Quadric(_) => Geometry::Custom { count: 1, user, alpha: s.alpha.is_some() },
+                }
+            })
+            .collect()
+    }
+
+    /// What a backend builds from: the world, the objects, the instances.
+    #[must_use]
+    #[expect(clippy::type_complexity, reason = "three lists that are taken apart at once")]
+    pub fn for_backend(&self) -> (Vec<Geometry<'_>>, Vec<Vec<Geometry<'_>>>, Vec<InstanceOf>) {
+        let world = self.described(0..self.world_count);
+        let objects = self.objects.iter().map(|r| self.described(r.clone())).collect();
+        let instances = self
+            .instances
+            .iter()
+            .map(|i| {
+                let m = i.to_world.m.as_mat4();
+                let mut transform = [0.0; 12];
+                for (column, axis) in transform.chunks_exact_mut(3).zip([m.x_axis, m.y_axis, m.z_axis, m.w_axis])
+                {
+                    column.copy_from_slice(&[axis.x, axis.y, axis.z]);
+                }
+                InstanceOf { object: i.object, transform }
+            })
+            .collect();
+        (world, objects, instances)
+    }
+}
+
+impl Custom for SceneGeometry {
+    fn bounds(&self, user: u32, primitive: u32) -> (Vec3, Vec3) {
+        match &self.surfaces[user as usize].shape {
+            SurfaceShape::Quadric(q) => {
+                let (lo, hi) = q.object_bounds();
+                let mut low = DVec3::INFINITY;
+                let mut high = DVec3::NEG_INFINITY;
+                for corner in 0..8 {
+                    let pick = |bit: i32, a: f64, b: f64| if corner >> bit & 1 == 0 { a } else { b };
+                    let p = DVec3::new(pick(0, lo.x, hi.x), pick(1, lo.y, hi.y), pick(2, lo.z, hi.z));
+                    let p = q.to_world.point_f64(p);
+                    low = low.min(p);
+                    high = high.max(p);
+                }
+                // Rounded outwards to f32.
+                let down = |v: DVec3| v.as_vec3().map(f32::next_down);
+                let up = |v: DVec3| v.as_vec3().map(f32::next_up);
+                (down(low), up(high))
+            }
+            SurfaceShape::Patches(p) => p.bounds(primitive),
+            SurfaceShape::Mesh(_) => unreachable!("the backend intersects triangles itself"),
+        }
+    }
+
+    fn intersect(&self, user: u32, primitive: u32, ray: &Ray) -> Option<(f32, f32, f32)> {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let (lo, hi) = (f64::from(ray.t_min), f64::from(ray.t_max));
+        match &self.surfaces[user as usize].shape {
+            SurfaceShape::Quadric(q) => {
+                let t = q.intersect(o, d, lo, hi)?;
+                if self.surfaces[user as usize].alpha.is_some() {
+                    let uv = q.at(o + d * t).uv;
+                    return Some((t as f32, uv.x as f32, uv.y as f32));
+                }
+                Some((t as f32, 0.0, 0.0))
+            }
+            SurfaceShape::Patches(p) => {
+                p.intersect(primitive, o, d, lo, hi).map(|(t, u, v)| (t as f32, u as f32, v as f32))
+            }
+            SurfaceShape::Mesh(_) => unreachable!("the backend intersects triangles itself"),
+        }
+    }
+
+    fn is_opaque(&self, user: u32, primitive: u32, u: f32, v: f32, ray: &Ray) -> bool {
+        let surface = &self.surfaces[user as usize];
+        let (Some(texture), Some(opacity)) = (surface.alpha, &self.opacity) else { return true };
+        let (uv, p) = match &surface.shape {
+            SurfaceShape::Mesh(m) => {
+                let [i0, i1, i2] = m.indices[primitive as usize].map(|i| i as usize);
+                let b = [1.0 - u - v, u, v];
+                let uv = if m.uvs.is_empty() {
+                    Vec2::new(b[1] + b[2], b[2])
+                } else {
+                    Vec2::from(m.uvs[i0]) * b[0] + Vec2::from(m.uvs[i1]) * b[1] + Vec2::from(m.uvs[i2]) * b[2]
+                };
+                let p = [i0, i1, i2].map(|i| Vec3::from(m.positions[i]));
+                (uv, p[0] * b[0] + p[1] * b[1] + p[2] * b[2])
+            }
+            _ => (Vec2::new(u, v), Vec3::ZERO),
+        };
+        let a = opacity.opacity(texture, uv, p);
+        // The draw is a hash of the ray and the primitive, so that it is the same in whatever order
+        // a traversal asks (pbrt-v4 hashes the ray likewise).
+        a >= 1.0 || (a > 0.0 && hash_ray(ray, user, primitive) < a)
+    }
+}
+
+/// Uniform in [0, 1) from a ray's bits and a primitive's name.
+fn hash_ray(ray: &Ray, user: u32, primitive: u32) -> f32 {
+    let mut h = u64::from(user) << 32 | u64::from(primitive);
+    for c in ray.origin.to_array().into_iter().chain(ray.direction.to_array()) {
+        // Multiply and xor-shift (the finalizer of SplitMix64).
+        h = (h ^ u64::from(c.to_bits())).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        h ^= h >> 31;
+    }
+    h = h.wrapping_mul(0x94d0_49bb_1331_11eb);
+    (h >> 40) as f32 * (1.0 / (1u64 << 24) as f32)
+}

@@ -1,0 +1,140 @@
+//! Camera rays from film positions, with the cone that one pixel covers. pbrt's conventions: the
+//! camera looks along +z, y is up, raster y runs down, `fov` spans the shorter axis.
+
+use crate::accel::Ray;
+use crate::integrator::light::env::equal_area_square_to_sphere;
+use crate::math::warp::concentric_disk;
+use crate::scene::{self, CameraKind};
+use glam::{Vec2, Vec3};
+use std::f32::consts::PI;
+
+/// A camera ready to make rays.
+#[derive(Clone, Copy, Debug)]
+pub struct Camera {
+    kind: Projection,
+    /// Raster to screen: screen = offset + raster · scale.
+    offset: Vec2,
+    scale: Vec2,
+    film: Vec2,
+    /// Camera axes and position in world space.
+    x: Vec3,
+    y: Vec3,
+    z: Vec3,
+    position: Vec3,
+    lens_radius: f32,
+    focal_distance: f32,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Projection {
+    /// Half the tangent of the field of view scales the screen.
+    Perspective {
+        tangent: f32,
+    },
+    Orthographic,
+    EqualArea,
+    LatLong,
+}
+
+/// A ray with the footprint of its pixel: the cone's width at the origin and its growth per
+/// unit of distance.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraRay {
+    /// The ray; unit direction.
+    pub ray: Ray,
+    /// Cone width at the origin.
+    pub width: f32,
+    /// Growth of the width per unit of distance [rad].
+    pub spread: f32,
+}
+
+impl Camera {
+    /// For a film of `film` pixels.
+    #[must_use]
+    pub fn new(camera: &scene::Camera, film: (u32, u32)) -> Self {
+        let (w, h) = (film.0 as f32, film.1 as f32);
+        let aspect = camera.frame_aspect_ratio.unwrap_or(w / h);
+        let [x0, x1, y0, y1] = camera.screen_window.unwrap_or(if aspect > 1.0 {
+            [-aspect, aspect, -1.0, 1.0]
+        } else {
+            [-1.0, 1.0, -1.0 / aspect, 1.0 / aspect]
+        });
+        let kind = match camera.kind {
+            CameraKind::Perspective { fov_degrees } => {
+                Projection::Perspective { tangent: (fov_degrees.to_radians() * 0.5).tan() }
+            }
+            CameraKind::Orthographic => Projection::Orthographic,
+            CameraKind::Spherical { equal_area: true } => Projection::EqualArea,
+            CameraKind::Spherical { equal_area: false } => Projection::LatLong,
+        };
+        let t = &camera.camera_to_world;
+        Self {
+            kind,
+            offset: Vec2::new(x0, y1),
+            scale: Vec2::new((x1 - x0) / w, (y0 - y1) / h),
+            film: Vec2::new(w, h),
+            x: t.vector(Vec3::X),
+            y: t.vector(Vec3::Y),
+            z: t.vector(Vec3::Z),
+            position: t.point(Vec3::ZERO),
+            lens_radius: camera.lens_radius,
+            focal_distance: camera.focal_distance,
+        }
+    }
+
+    #[inline(always)]
+    fn to_world(&self, v: Vec3) -> Vec3 {
+        self.x * v.x + self.y * v.y + self.z * v.z
+    }
+
+    /// The ray through `raster` (pixels, y down) and the lens point warped from `lens` in [0,1)².
+    #[inline(always)]
+    #[must_use]
+    pub fn ray(&self, raster: Vec2, lens: Vec2) -> CameraRay {
+        let screen = self.offset + raster * self.scale;
+        let (mut origin, mut direction, width, spread);
+        match self.kind {
+            Projection::Perspective { tangent } => {
+                origin = Vec3::ZERO;
+                direction = Vec3::new(screen.x * tangent, screen.y * tangent, 1.0);
+                width = 0.0;
+                // A pixel's width over the distance to the screen.
+                spread = self.scale.x.abs() * tangent;
+                if self.lens_radius > 0.0 {
+                    let focus = direction * self.focal_distance;
+                    let l = concentric_disk(lens) * self.lens_radius;
+                    origin = Vec3::new(l.x, l.y, 0.0);
+                    direction = focus - origin;
+                }
+            }
+            Projection::Orthographic => {
+                origin = Vec3::new(screen.x, screen.y, 0.0);
+                direction = Vec3::Z;
+                width = self.scale.x.abs() * self.x.length();
+                spread = 0.0;
+                if self.lens_radius > 0.0 {
+                    let focus = origin + direction * self.focal_distance;
+                    let l = concentric_disk(lens) * self.lens_radius;
+                    origin += Vec3::new(l.x, l.y, 0.0);
+                    direction = focus - origin;
+                }
+            }
+            Projection::EqualArea | Projection::LatLong => {
+                let uv = raster / self.film;
+                let d = if let Projection::LatLong = self.kind {
+                    let (theta, phi) = (PI * uv.y, 2.0 * PI * uv.x);
+                    Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
+                } else {
+                    equal_area_square_to_sphere(uv)
+                };
+                origin = Vec3::ZERO;
+                // pbrt's sphere has z up; the camera has y up.
+                direction = Vec3::new(d.x, d.z, d.y);
+                width = 0.0;
+                spread = (4.0 * PI / (self.film.x * self.film.y)).sqrt();
+            }
+        }
+        let ray = Ray::new(self.position + self.to_world(origin), self.to_world(direction).normalize());
+        CameraRay { ray, width, spread }
+    }
+}

@@ -1,0 +1,223 @@
+//! Materials made ready: what is constant is evaluated once per render, so that a hit on a plain
+//! material copies a finished scattering function. Textures are read only where one is.
+
+use crate::color::Rgb;
+use crate::geometry::Needs;
+use crate::integrator::bsdf::{
+    Bsdf, CoatedTables, Conductor, Dielectric, Diffuse, DiffuseTransmission, Ggx, ThinDielectric,
+    roughness_to_alpha,
+};
+use crate::integrator::sampler::mix;
+use crate::scene::{Material, Roughness, SceneDescription, TextureId};
+use crate::texture::{TextureCoordinates, Textures};
+
+/// Tables of coated materials, by material; they outlive the [`Materials`] that borrow them.
+pub struct MaterialTables(Vec<Option<CoatedTables>>);
+
+impl MaterialTables {
+    /// Builds what the scene's coated materials need.
+    #[must_use]
+    pub fn new(scene: &SceneDescription, textures: &Textures) -> Self {
+        use rayon::prelude::*;
+        let table = |m: &Material| {
+            let Material::CoatedDiffuse { roughness, thickness, eta, max_depth, .. } = m else { return None };
+            Some(match constant_alpha(roughness, textures) {
+                Some((x, y)) => CoatedTables::constant(*eta, x, y, *thickness, *max_depth),
+                None => CoatedTables::textured(*eta, *thickness, *max_depth),
+            })
+        };
+        Self(scene.materials.par_iter().map(table).collect())
+    }
+}
+
+enum Compiled<'a> {
+    /// All parameters are constant.
+    Ready(Bsdf<'a>),
+    /// The commonest textured material.
+    TexturedDiffuse(TextureId),
+    /// Whatever else has textures.
+    Textured(&'a Material, Option<&'a CoatedTables>),
+    Mix {
+        a: u32,
+        b: u32,
+        amount: TextureId,
+    },
+    Interface,
+}
+
+/// The materials of a scene by id.
+pub struct Materials<'a> {
+    compiled: Vec<Compiled<'a>>,
+    needs: Vec<Needs>,
+    textures: &'a Textures,
+}
+
+impl<'a> Materials<'a> {
+    /// Evaluates what is constant.
+    #[must_use]
+    pub fn new(scene: &'a SceneDescription, textures: &'a Textures, tables: &'a MaterialTables) -> Self {
+        let compile = |(i, m): (usize, &'a Material)| compile(m, textures, tables.0[i].as_ref());
+        let compiled = scene.materials.iter().enumerate().map(compile).collect();
+        let needs = (0..scene.materials.len()).map(|i| needs(scene, textures, i, 0)).collect();
+        Self { compiled, needs, textures }
+    }
+
+    /// Attributes of a surface that `material` reads.
+    #[must_use]
+    pub fn needs(&self, material: u32) -> Needs {
+        self.needs[material as usize]
+    }
+
+    /// Whether rays pass `material` without scattering.
+    #[must_use]
+    pub fn is_interface(&self, material: u32) -> bool {
+        matches!(self.compiled[material as usize], Compiled::Interface)
+    }
+
+    /// The scattering function at a point; `None` for an interface. `key` decides between mixed
+    /// materials and is the same for whoever asks about one path vertex.
+    #[inline(always)]
+    #[must_use]
+    pub fn bsdf(&self, material: u32, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
+        match &self.compiled[material as usize] {
+            Compiled::Ready(b) => Some(*b),
+            Compiled::TexturedDiffuse(t) => Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at))))),
+            other => self.uncommon(other, at, key),
+        }
+    }
+
+    #[inline(never)]
+    fn uncommon(&self, compiled: &Compiled<'a>, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
+        match compiled {
+            Compiled::Ready(b) => Some(*b),
+            Compiled::TexturedDiffuse(t) => Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at))))),
+            Compiled::Textured(m, tables) => {
+                Some(evaluate(m, *tables, &|t| self.textures.eval(t, at)).expect("mixes are compiled apart"))
+            }
+            Compiled::Mix { a, b, amount } => {
+                let amount = self.textures.eval(*amount, at).x;
+                let h = at.p.to_array().iter().fold(key, |h, c| mix(h ^ c.to_bits()));
+                let draw = (h >> 8) as f32 * (1.0 / (1 << 24) as f32);
+                let chosen = if amount > 0.0 && draw < amount { *b } else { *a };
+                self.uncommon(&self.compiled[chosen as usize], at, mix(h))
+            }
+            Compiled::Interface => None,
+        }
+    }
+}
+
+/// A reflectance a surface can have.
+#[inline(always)]
+fn albedo(c: Rgb) -> Rgb {
+    c.clamp(Rgb::ZERO, Rgb::ONE)
+}
+
+fn alpha(roughness: &Roughness, value: impl Fn(TextureId) -> Rgb) -> (f32, f32) {
+    let one = |t: TextureId| {
+        let r = value(t).x.max(0.0);
+        if roughness.remap { roughness_to_alpha(r) } else { r }
+    };
+    (one(roughness.u), one(roughness.v))
+}
+
+fn constant_alpha(roughness: &Roughness, textures: &Textures) -> Option<(f32, f32)> {
+    let (u, v) = (textures.constant(roughness.u)?, textures.constant(roughness.v)?);
+    Some(alpha(roughness, |t| if t == roughness.u { u } else { v }))
+}
+
+/// Textures that a material reads.
+fn textures_of(m: &Material) -> Vec<TextureId> {
+    match m {
+        Material::Diffuse { reflectance } => vec![*reflectance],
+        Material::CoatedDiffuse { reflectance, roughness, .. }
+        | Material::ConductorReflectance { reflectance, roughness } => {
+            vec![*reflectance, roughness.u, roughness.v]
+        }
+        Material::Conductor { eta, k, roughness } => vec![*eta, *k, roughness.u, roughness.v],
+        Material::Dielectric { roughness, .. } => vec![roughness.u, roughness.v],
+        Material::DiffuseTransmission { reflectance, transmittance, .. } => vec![*reflectance, *transmittance],
+        Material::Mix { amount, .. } => vec![*amount],
+        Material::ThinDielectric { .. } | Material::Interface => vec![],
+    }
+}
+
+fn is_anisotropic(m: &Material) -> bool {
+    match m {
+        Material::CoatedDiffuse { roughness, .. }
+        | Material::ConductorReflectance { roughness, .. }
+        | Material::Conductor { roughness, .. }
+        | Material::Dielectric { roughness, .. } => roughness.u != roughness.v,
+        _ => false,
+    }
+}
+
+fn compile<'a>(m: &'a Material, textures: &'a Textures, tables: Option<&'a CoatedTables>) -> Compiled<'a> {
+    if let Material::Mix { a, b, amount } = m {
+        return Compiled::Mix { a: a.0, b: b.0, amount: *amount };
+    }
+    if textures_of(m).iter().all(|t| textures.constant(*t).is_some()) {
+        let value = |t: TextureId| textures.constant(t).expect("all textures of this material are constant");
+        return evaluate(m, tables, &value).map_or(Compiled::Interface, Compiled::Ready);
+    }
+    match m {
+        Material::Diffuse { reflectance } => Compiled::TexturedDiffuse(*reflectance),
+        _ => Compiled::Textured(m, tables),
+    }
+}
+
+/// The scattering function for given texture values; `None` for an interface or a mix.
+fn evaluate<'a>(
+    m: &Material,
+    tables: Option<&'a CoatedTables>,
+    value: &dyn Fn(TextureId) -> Rgb,
+) -> Option<Bsdf<'a>> {
+    let ggx = |r: &Roughness| {
+        let (x, y) = alpha(r, value);
+        Ggx::new(x, y)
+    };
+    Some(match m {
+        Material::Diffuse { reflectance } => Bsdf::Diffuse(Diffuse::new(albedo(value(*reflectance)))),
+        Material::CoatedDiffuse { reflectance, roughness, .. } => {
+            let (x, y) = alpha(roughness, value);
+            let tables = tables.expect("coated materials have tables");
+            Bsdf::CoatedDiffuse(tables.bsdf(albedo(value(*reflectance)), x, y))
+        }
+        Material::Conductor { eta, k, roughness } => {
+            Bsdf::Conductor(Conductor::new(value(*eta), value(*k), ggx(roughness)))
+        }
+        Material::ConductorReflectance { reflectance, roughness } => {
+            Bsdf::Conductor(Conductor::from_reflectance(albedo(value(*reflectance)), ggx(roughness)))
+        }
+        Material::Dielectric { eta, roughness } => Bsdf::Dielectric(Dielectric::new(*eta, ggx(roughness))),
+        Material::ThinDielectric { eta } => Bsdf::ThinDielectric(ThinDielectric::new(*eta)),
+        Material::DiffuseTransmission { reflectance, transmittance, scale } => {
+            let one = |t: TextureId| albedo(value(t) * *scale);
+            Bsdf::DiffuseTransmission(DiffuseTransmission::new(one(*reflectance), one(*transmittance)))
+        }
+        Material::Mix { .. } | Material::Interface => return None,
+    })
+}
+
+fn needs(scene: &SceneDescription, textures: &Textures, material: usize, depth: usize) -> Needs {
+    let m = &scene.materials[material];
+    let mut needs = Needs::default();
+    for t in textures_of(m) {
+        if textures.constant(t).is_none() {
+            needs = needs.and(Needs::UV);
+        }
+        if textures.wants_footprint(t) {
+            needs = needs.and(Needs::FOOTPRINT);
+        }
+    }
+    if is_anisotropic(m) {
+        needs = needs.and(Needs::TANGENT);
+    }
+    if let Material::Mix { a, b, .. } = m
+        && depth < scene.materials.len()
+    {
+        for side in [a, b] {
+            needs = needs.and(self::needs(scene, textures, side.index(), depth + 1));
+        }
+    }
+    needs
+}

@@ -1,0 +1,464 @@
+//! One step of a path: hits become radiance, shadow rays and next rays. A path is a plain record
+//! that can be put down and taken up; steps run over slices of them, so that a scheduler may
+//! decide which paths come together. Never waits for I/O, and does not know who called it.
+//!
+//! Next-event estimation and multiple importance sampling with the power heuristic (Veach 1997);
+//! pbrt-v4's depth and roulette rules (4th ed., §13.4).
+
+use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::color::Rgb;
+use crate::geometry::{Needs, SceneGeometry, SurfacePoint, offset_origin};
+use crate::integrator::camera::Camera;
+use crate::integrator::lights::{Emitter, Lights};
+use crate::integrator::materials::Materials;
+use crate::integrator::sampler::sample4;
+use crate::math::{Frame, gamma};
+use crate::scene::{Medium, MediumId, MediumInterface};
+use crate::stats::Counters;
+use crate::texture::TextureCoordinates;
+use glam::{Vec2, Vec3};
+
+/// What shading needs to know of a surface; 32 bytes, two a cache line.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceShading {
+    /// Index of the compiled material.
+    pub material: u32,
+    /// Index into [`Lights::emitters`], or [`NONE`].
+    pub emitter: u32,
+    /// Attributes the material asks for.
+    pub needs: Needs,
+    /// No scattering: rays pass.
+    pub interface: bool,
+    /// Media on both sides.
+    pub medium: Option<MediumInterface>,
+}
+
+/// Everything a path can meet. Shared by all threads, never written while rendering.
+pub struct World<'a, A> {
+    /// Traversal.
+    pub accel: &'a A,
+    /// Traversal of emitting surfaces alone (world geometry ids), if that is worth having.
+    pub emitters_only: Option<&'a A>,
+    /// Surfaces.
+    pub geometry: &'a SceneGeometry,
+    /// By surface.
+    pub shading: Vec<SurfaceShading>,
+    /// Materials.
+    pub materials: Materials<'a>,
+    /// Lights.
+    pub lights: Lights,
+    /// Media.
+    pub media: Vec<Medium>,
+    /// The camera's medium.
+    pub camera_medium: Option<MediumId>,
+    /// Camera.
+    pub camera: Camera,
+    /// Scattering events.
+    pub max_depth: u32,
+    /// Throughput below which paths play roulette; 0 turns it off.
+    pub rr_threshold: f32,
+    /// Texture footprints shrink with the sample count (pbrt: max(1/8, 1/√spp)).
+    pub footprint_scale: f32,
+    /// Whether any surface is an interface, so that rays may have to pass some.
+    pub has_interfaces: bool,
+}
+
+/// A path between two events.
+#[derive(Clone, Copy, Debug)]
+pub struct Path {
+    /// Where the ray starts.
+    pub origin: Vec3,
+    /// Unit direction.
+    pub direction: Vec3,
+    /// Throughput, the path's weight.
+    pub beta: Rgb,
+    /// Density with which the direction was drawn [1/sr]; 0 when no light sampling competes.
+    pub pdf: f32,
+    /// Product of squared index ratios, so that roulette ignores what will be undone on leaving.
+    pub eta_scale: f32,
+    /// Distance between the last scattering event and `origin` (interfaces passed on the way).
+    pub travelled: f32,
+    /// Key of the pixel.
+    pub key: u32,
+    /// Sample number.
+    pub sample: u32,
+    /// Where its radiance is summed.
+    pub slot: u32,
+    /// Medium around the ray, or [`NONE`].
+    pub medium: u32,
+}
+
+/// A light sample that waits for its visibility.
+#[derive(Clone, Copy, Debug)]
+pub struct Shadow {
+    /// From the surface to the light.
+    pub ray: Ray,
+    /// Added where nothing is in the way.
+    pub contribution: Rgb,
+    /// Where.
+    pub slot: u32,
+    /// Medium at its start, or [`NONE`].
+    pub medium: u32,
+}
+
+/// Paths that go on together, and room for what they meet. Reused from wave to wave.
+#[derive(Default)]
+pub struct Wave {
+    /// Paths alive.
+    pub paths: Vec<Path>,
+    /// What each path's ray met.
+    hits: Vec<Hit>,
+    /// Shadow rays of one step.
+    shadows: Vec<Shadow>,
+    /// Radiance by slot.
+    pub radiance: Vec<Rgb>,
+}
+
+/// How far ahead of shading memory is asked for: indices first, then what they name.
+const PREFETCH_INDICES: usize = 12;
+const PREFETCH_VERTICES: usize = 6;
+
+impl<'a, A: Accel> World<'a, A> {
+    /// A camera path for the raster position `raster` (pixels).
+    #[inline(always)]
+    #[must_use]
+    pub fn camera_path(&self, raster: Vec2, lens: Vec2, key: u32, sample: u32, slot: u32) -> Path {
+        let ray = self.camera.ray(raster, lens);
+        Path {
+            origin: ray.origin,
+            direction: ray.direction,
+            beta: Rgb::ONE,
+            pdf: 0.0,
+            eta_scale: 1.0,
+            travelled: 0.0,
+            key,
+            sample,
+            slot,
+            medium: medium_index(self.camera_medium),
+        }
+    }
+
+    /// Runs the paths of `wave` to their end; `wave.radiance` holds the result.
+    pub fn run(&self, wave: &mut Wave, counters: &mut Counters) {
+        let count = wave.paths.len();
+        wave.radiance.clear();
+        wave.radiance.resize(count, Rgb::ZERO);
+        for depth in 0..=self.max_depth {
+            if wave.paths.is_empty() {
+                break;
+            }
+            if depth == self.max_depth && depth > 0 {
+                self.last_step(wave, counters);
+                break;
+            }
+            self.trace(wave, counters);
+            self.shade(wave, depth, counters);
+            self.connect(wave, counters);
+        }
+        wave.paths.clear();
+    }
+
+    /// Finds what every path's ray meets, passing interfaces.
+    fn trace(&self, wave: &mut Wave, counters: &mut Counters) {
+        wave.hits.clear();
+        counters.rays_closest += wave.paths.len() as u64;
+        for path in &mut wave.paths {
+            let hit = self.accel.closest(&Ray::new(path.origin, path.direction));
+            wave.hits.push(hit);
+        }
+        if self.has_interfaces {
+            for (path, hit) in wave.paths.iter_mut().zip(&mut wave.hits) {
+                self.pass_interfaces(path, hit, counters);
+            }
+        }
+    }
+
+    /// Continues through surfaces that do not scatter. Each stands for one more ray.
+    #[cold]
+    fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
+        while hit.geometry != NONE {
+            let shading = &self.shading[self.geometry.surface_of(hit)];
+            if !shading.interface || shading.emitter != NONE {
+                return;
+            }
+            let ray = Ray::new(path.origin, path.direction);
+            let point = self.geometry.surface_point(hit, &ray, Needs::default());
+            path.beta *= self.transmittance(path.medium, hit.t);
+            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
+            path.travelled += hit.t;
+            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
+            counters.rays_closest += 1;
+            *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
+        }
+    }
+
+    /// Beer's law over a distance in a medium.
+    #[inline(always)]
+    fn transmittance(&self, medium: u32, distance: f32) -> Rgb {
+        if medium == NONE {
+            return Rgb::ONE;
+        }
+        let m = &self.media[medium as usize];
+        // 0 · ∞ is 0 here: a channel that does not absorb lets everything through.
+        let along = |sigma: f32| if sigma > 0.0 { (-sigma * distance).exp() } else { 1.0 };
+        Rgb::new(along(m.sigma_a.x), along(m.sigma_a.y), along(m.sigma_a.z))
+    }
+
+    /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
+    fn shade(&self, wave: &mut Wave, depth: u32, counters: &mut Counters) {
+        wave.shadows.clear();
+        let mut kept = 0;
+        for i in 0..wave.paths.len() {
+            if let Some(hit) = wave.hits.get(i + PREFETCH_INDICES) {
+                self.geometry.prefetch_indices(hit);
+            }
+            if let Some(hit) = wave.hits.get(i + PREFETCH_VERTICES)
+                && hit.geometry != NONE
+            {
+                let needs = self.shading[self.geometry.surface_of(hit)].needs;
+                self.geometry.prefetch_vertices(hit, needs);
+            }
+            let mut path = wave.paths[i];
+            let radiance = &mut wave.radiance[path.slot as usize];
+            let alive = self.shade_one(&mut path, &wave.hits[i], depth, radiance, &mut wave.shadows);
+            // Written without a branch on the outcome: the next path overwrites a dead one.
+            wave.paths[kept] = path;
+            kept += usize::from(alive);
+        }
+        wave.paths.truncate(kept);
+        let _ = counters;
+    }
+
+    /// Radiance from where no surface is.
+    #[inline(always)]
+    fn add_background(&self, path: &Path, radiance: &mut Rgb) {
+        // A medium without end absorbs what comes from infinitely far.
+        let beta = path.beta * self.transmittance(path.medium, f32::INFINITY);
+        *radiance += beta * self.lights.background(path.reference(), path.direction, path.pdf);
+    }
+
+    /// Emission of a surface towards the path, weighted against light sampling.
+    #[inline(always)]
+    fn add_emission(
+        &self,
+        path: &Path,
+        hit: &Hit,
+        point: &SurfacePoint,
+        emitter: &Emitter,
+        radiance: &mut Rgb,
+    ) {
+        let cos = -path.direction.dot(point.ng);
+        if cos <= 0.0 && !emitter.two_sided {
+            return;
+        }
+        let mut weight = 1.0;
+        if path.pdf > 0.0 {
+            let distance = path.travelled + hit.t;
+            let light = emitter.light_of(hit.primitive);
+            let pdf = self.lights.pdf_area(path.reference(), light, point, path.direction, distance, cos.abs());
+            weight = power_heuristic(path.pdf, pdf);
+        }
+        *radiance += path.beta * emitter.radiance_at(point.uv) * weight;
+    }
+
+    #[inline(always)]
+    fn shade_one(
+        &self,
+        path: &mut Path,
+        hit: &Hit,
+        depth: u32,
+        radiance: &mut Rgb,
+        shadows: &mut Vec<Shadow>,
+    ) -> bool {
+        if hit.geometry == NONE {
+            self.add_background(path, radiance);
+            return false;
+        }
+        let surface = self.geometry.surface_of(hit);
+        let shading = &self.shading[surface];
+        let ray = Ray::new(path.origin, path.direction);
+        let point = self.geometry.surface_point(hit, &ray, shading.needs);
+        if path.medium != NONE {
+            path.beta *= self.transmittance(path.medium, hit.t);
+        }
+        if shading.emitter != NONE {
+            self.add_emission(path, hit, &point, &self.lights.emitters[shading.emitter as usize], radiance);
+        }
+        if depth >= self.max_depth {
+            return false;
+        }
+        let coordinates = TextureCoordinates {
+            uv: point.uv,
+            p: point.p,
+            n: point.ns,
+            width: if shading.needs.has(Needs::FOOTPRINT) { self.footprint(&point) } else { 0.0 },
+        };
+        let Some(bsdf) = self.materials.bsdf(shading.material, &coordinates, path.key ^ path.sample) else {
+            // An emitting interface: the path goes straight on.
+            path.travelled += hit.t;
+            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
+            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
+            return true;
+        };
+        let frame = if shading.needs.has(Needs::TANGENT) {
+            Frame::from_z_x(point.ns, point.dpdu)
+        } else {
+            Frame::from_z(point.ns)
+        };
+        let wo = frame.to_local(-path.direction);
+
+        if self.lights.can_be_sampled() && !bsdf.is_delta() {
+            let u = sample4(path.key, path.sample, 2 + 2 * depth);
+            if let Some(light) = self.lights.sample(point.p, point.ns, u) {
+                let wi = frame.to_local(light.wi);
+                let (f, pdf) = bsdf.eval(wo, wi);
+                if f != Rgb::ZERO {
+                    let weight = if light.delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
+                    shadows.push(Shadow {
+                        ray: light.ray_from(point.p, point.error, point.ng),
+                        contribution: path.beta * f * light.radiance * (weight / light.pdf),
+                        slot: path.slot,
+                        medium: cross(shading.medium, point.ng, light.wi, path.medium),
+                    });
+                }
+            }
+        }
+
+        let u = sample4(path.key, path.sample, 1 + 2 * depth);
+        let Some(s) = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1])) else { return false };
+        let direction = frame.to_world(s.wi);
+        path.beta *= s.weight;
+        path.pdf = if s.delta { 0.0 } else { s.pdf };
+        if s.transmission {
+            path.eta_scale *= s.eta * s.eta;
+        }
+        path.medium = cross(shading.medium, point.ng, direction, path.medium);
+        path.origin = offset_origin(point.p, point.error, point.ng, direction);
+        path.direction = direction;
+        path.travelled = 0.0;
+        // Russian roulette from the second scattering event on, as pbrt-v4 does.
+        let weight = path.beta.max_element() * path.eta_scale;
+        if weight < self.rr_threshold && depth >= 1 {
+            let q = (1.0 - weight).max(0.0);
+            if u[3] < q {
+                return false;
+            }
+            path.beta /= 1.0 - q;
+        }
+        path.beta != Rgb::ZERO
+    }
+
+    /// Width in texture units of a pixel as the camera would see it at `point` (pbrt-v4's
+    /// approximation for every bounce, 4th ed. §10.1.3).
+    #[inline]
+    fn footprint(&self, point: &SurfacePoint) -> f32 {
+        self.camera.pixel_width_at(point.p, point.ng) * point.uv_rate * self.footprint_scale
+    }
+
+    /// Adds the light samples that nothing occludes.
+    fn connect(&self, wave: &mut Wave, counters: &mut Counters) {
+        counters.rays_occluded += wave.shadows.len() as u64;
+        for shadow in &wave.shadows {
+            let transmitted = if self.has_interfaces || shadow.medium != NONE {
+                self.transmitted(shadow, counters)
+            } else if self.accel.occluded(&shadow.ray) {
+                Rgb::ZERO
+            } else {
+                Rgb::ONE
+            };
+            wave.radiance[shadow.slot as usize] += shadow.contribution * transmitted;
+        }
+    }
+
+    /// What reaches the light through media and interfaces.
+    #[cold]
+    fn transmitted(&self, shadow: &Shadow, counters: &mut Counters) -> Rgb {
+        let (mut ray, mut medium, mut through) = (shadow.ray, shadow.medium, Rgb::ONE);
+        let length = ray.direction.length();
+        loop {
+            let hit = self.accel.closest(&ray);
+            counters.rays_closest += 1;
+            if hit.geometry == NONE {
+                return through * self.transmittance(medium, ray.t_max * length);
+            }
+            let shading = &self.shading[self.geometry.surface_of(&hit)];
+            if !shading.interface || shading.emitter != NONE {
+                return Rgb::ZERO;
+            }
+            let point = self.geometry.surface_point(&hit, &ray, Needs::default());
+            through *= self.transmittance(medium, hit.t * length);
+            medium = cross(shading.medium, point.ng, ray.direction, medium);
+            let origin = offset_origin(point.p, point.error, point.ng, ray.direction);
+            if ray.t_max.is_finite() {
+                ray.direction = ray.origin + ray.direction - origin;
+            }
+            ray.origin = origin;
+        }
+    }
+
+    /// The last ray of a path can only find emission. Where few surfaces emit, the ray is tried
+    /// against those alone; only what finds one there is traced in full, and what finds none asks
+    /// no more than whether the sky is open. Same picture, fewer nodes.
+    fn last_step(&self, wave: &mut Wave, counters: &mut Counters) {
+        let sky = self.lights.has_background();
+        let plain = self.has_interfaces;
+        if !plain {
+            let mut kept = 0;
+            for i in 0..wave.paths.len() {
+                let path = wave.paths[i];
+                let ray = Ray::new(path.origin, path.direction);
+                let may_emit = match self.emitters_only {
+                    Some(emitters) => {
+                        counters.rays_occluded += 1;
+                        emitters.occluded(&ray)
+                    }
+                    None => !self.lights.emitters.is_empty(),
+                };
+                if may_emit {
+                    wave.paths[kept] = path;
+                    kept += 1;
+                } else if sky {
+                    counters.rays_occluded += 1;
+                    if !self.accel.occluded(&ray) {
+                        self.add_background(&path, &mut wave.radiance[path.slot as usize]);
+                    }
+                }
+            }
+            wave.paths.truncate(kept);
+        }
+        self.trace(wave, counters);
+        self.shade(wave, self.max_depth, counters);
+    }
+}
+
+impl Path {
+    /// The last scattering event, from which light sampling would have started.
+    #[inline(always)]
+    fn reference(&self) -> Vec3 {
+        self.origin - self.direction * self.travelled
+    }
+}
+
+/// Veach's power heuristic with exponent 2, safe against overflow of the squares.
+#[inline(always)]
+fn power_heuristic(a: f32, b: f32) -> f32 {
+    let r = b / a;
+    1.0 / (1.0 + r * r)
+}
+
+/// The medium behind a surface in direction `w`.
+#[inline(always)]
+fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) -> u32 {
+    match interface {
+        None => current,
+        Some(m) => medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside }),
+    }
+}
+
+#[inline(always)]
+fn medium_index(medium: Option<MediumId>) -> u32 {
+    medium.map_or(NONE, |m| m.0)
+}
+
+/// Bound on the relative rounding of a point made by an affine map of a light's parameters.
+pub(crate) const LIGHT_POINT: f32 = gamma(8);

@@ -1,0 +1,221 @@
+//! Evaluates texture expressions at a point: constants, images, and the nodes that combine them.
+//! Depth of the expression is bounded by the scene file (a texture names earlier ones only), so
+//! recursion ends.
+
+use super::{Footprint, Sampler, TextureStore};
+use crate::color::Rgb;
+use crate::scene::{Mapping, Texture, TextureFilter, TextureId};
+use glam::{DVec3, Vec2, Vec3};
+use std::f32::consts::PI;
+
+/// Where a texture is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct TextureCoordinates {
+    /// Surface parameters.
+    pub uv: Vec2,
+    /// World-space position.
+    pub p: Vec3,
+    /// Unit shading normal.
+    pub n: Vec3,
+    /// Width of the pixel in units of `uv`; 0 asks for the finest level.
+    pub width: f32,
+}
+
+/// The textures of a scene with the images they read.
+pub struct Textures {
+    nodes: Vec<Texture>,
+    store: TextureStore,
+}
+
+impl Textures {
+    /// Takes over the scene's texture table and its loaded images.
+    #[must_use]
+    pub fn new(nodes: Vec<Texture>, store: TextureStore) -> Self {
+        Self { nodes, store }
+    }
+
+    /// The images.
+    #[must_use]
+    pub fn store(&self) -> &TextureStore {
+        &self.store
+    }
+
+    /// The value if it is the same everywhere.
+    #[must_use]
+    pub fn constant(&self, id: TextureId) -> Option<Rgb> {
+        match &self.nodes[id.index()] {
+            Texture::Constant(c) => Some(*c),
+            Texture::Scale { texture, scale } => Some(self.constant(*texture)? * self.constant(*scale)?),
+            Texture::Mix { a, b, amount } => {
+                Some(mix(self.constant(*a)?, self.constant(*b)?, self.constant(*amount)?))
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether any image below this texture filters over a footprint.
+    #[must_use]
+    pub fn wants_footprint(&self, id: TextureId) -> bool {
+        match &self.nodes[id.index()] {
+            Texture::Image { filter, .. } => {
+                matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa)
+            }
+            Texture::Constant(_) | Texture::Bilerp { .. } => false,
+            Texture::Scale { texture: a, scale: b }
+            | Texture::DirectionMix { a, b, .. }
+            | Texture::Checkerboard3d { a, b, .. } => self.wants_footprint(*a) || self.wants_footprint(*b),
+            // The checkerboard itself is filtered over the footprint.
+            Texture::Checkerboard { .. } => true,
+            Texture::Mix { a, b, amount } => [a, b, amount].into_iter().any(|t| self.wants_footprint(*t)),
+        }
+    }
+
+    /// The texture's value; a float is grey.
+    #[inline]
+    #[must_use]
+    pub fn eval(&self, id: TextureId, at: &TextureCoordinates) -> Rgb {
+        match &self.nodes[id.index()] {
+            Texture::Constant(c) => *c,
+            Texture::Image { image, mapping, filter, wrap, scale, invert, channels } => {
+                let (uv, width) = map(mapping, at);
+                let footprint = Footprint {
+                    duv_dx: Vec2::new(width.x, 0.0),
+                    duv_dy: Vec2::new(0.0, width.y),
+                };
+                let sampler = Sampler { filter: *filter, wrap: *wrap, channels: *channels };
+                let value = self.store.lookup(*image, uv, footprint, sampler) * *scale;
+                if *invert { (Rgb::ONE - value).max(Rgb::ZERO) } else { value }
+            }
+            _ => self.eval_node(id, at),
+        }
+    }
+
+    #[inline(never)]
+    fn eval_node(&self, id: TextureId, at: &TextureCoordinates) -> Rgb {
+        match &self.nodes[id.index()] {
+            Texture::Constant(_) | Texture::Image { .. } => self.eval(id, at),
+            Texture::Scale { texture, scale } => {
+                let s = self.eval(*scale, at);
+                if s == Rgb::ZERO { Rgb::ZERO } else { self.eval(*texture, at) * s }
+            }
+            Texture::Mix { a, b, amount } => self.blend(*a, *b, self.eval(*amount, at), at),
+            Texture::DirectionMix { a, b, dir } => {
+                let amount = at.n.dot(Vec3::from(*dir)).abs();
+                self.blend(*b, *a, Rgb::splat(amount), at)
+            }
+            Texture::Checkerboard { mapping, a, b } => {
+                let (uv, width) = map(mapping, at);
+                // Half-width of the tent over the pixel: pbrt-v4's 1.5 pixels.
+                let even = square_wave(uv.x, 1.5 * width.x) * square_wave(uv.y, 1.5 * width.y);
+                self.blend(*a, *b, Rgb::splat(0.5 - 0.5 * even), at)
+            }
+            Texture::Checkerboard3d { world_to_texture, a, b } => {
+                let p = world_to_texture.point(at.p).floor();
+                let odd = (p.x + p.y + p.z).rem_euclid(2.0) >= 1.0;
+                self.eval(if odd { *b } else { *a }, at)
+            }
+            Texture::Bilerp { mapping, corners } => {
+                let (uv, _) = map(mapping, at);
+                let [v00, v01, v10, v11] = *corners;
+                let left = v00 * (1.0 - uv.y) + v01 * uv.y;
+                let right = v10 * (1.0 - uv.y) + v11 * uv.y;
+                left * (1.0 - uv.x) + right * uv.x
+            }
+        }
+    }
+
+    /// a + amount (b − a), without evaluating what has no share.
+    fn blend(&self, a: TextureId, b: TextureId, amount: Rgb, at: &TextureCoordinates) -> Rgb {
+        if amount == Rgb::ZERO {
+            self.eval(a, at)
+        } else if amount == Rgb::ONE {
+            self.eval(b, at)
+        } else {
+            mix(self.eval(a, at), self.eval(b, at), amount)
+        }
+    }
+}
+
+fn mix(a: Rgb, b: Rgb, amount: Rgb) -> Rgb {
+    a * (Rgb::ONE - amount) + b * amount
+}
+
+/// Texture coordinates and the footprint's width along each.
+#[inline(always)]
+fn map(mapping: &Mapping, at: &TextureCoordinates) -> (Vec2, Vec2) {
+    match mapping {
+        Mapping::Uv { scale, delta } => {
+            let scale = Vec2::from(*scale);
+            (at.uv * scale + Vec2::from(*delta), scale.abs() * at.width)
+        }
+        other => (map_position(other, at), Vec2::ZERO),
+    }
+}
+
+#[inline(never)]
+fn map_position(mapping: &Mapping, at: &TextureCoordinates) -> Vec2 {
+    let around = |p: Vec3| {
+        let phi = p.y.atan2(p.x);
+        (if phi < 0.0 { phi + 2.0 * PI } else { phi }) / (2.0 * PI)
+    };
+    match mapping {
+        Mapping::Uv { scale, delta } => at.uv * Vec2::from(*scale) + Vec2::from(*delta),
+        Mapping::Spherical { world_to_texture } => {
+            let p = world_to_texture.point(at.p);
+            let theta = p.truncate().length().atan2(p.z);
+            // pbrt-v4: s is the polar angle, t the azimuth.
+            Vec2::new(theta / PI, around(p))
+        }
+        Mapping::Cylindrical { world_to_texture } => {
+            let p = world_to_texture.point(at.p);
+            Vec2::new(around(p), p.z)
+        }
+        Mapping::Planar { world_to_texture, v1, v2, delta } => {
+            let p = world_to_texture.point_f64(at.p.as_dvec3());
+            let axis = |v: &[f32; 3]| Vec3::from(*v).as_dvec3();
+            let along = |v: DVec3| p.dot(v);
+            Vec2::new(along(axis(v1)) as f32, along(axis(v2)) as f32) + Vec2::from(*delta)
+        }
+    }
+}
+
+/// The wave that is +1 on [2k, 2k+1) and −1 on [2k+1, 2k+2), under a tent of half-width `r`.
+fn square_wave(x: f32, r: f32) -> f32 {
+    let side = |x: f32| if (x * 0.5).fract().rem_euclid(1.0) < 0.5 { 1.0 } else { -1.0 };
+    if r <= 0.0 || (x - r).floor() == (x + r).floor() {
+        return side(x);
+    }
+    // Its second integral is periodic but for a linear part that the second difference removes.
+    let second = |x: f32| {
+        let y = x * 0.5 - (x * 0.5).floor();
+        // ∫∫ over one period of length 2: s²/2 up to the middle, then 1/2 + ... symmetrical.
+        let s = 2.0 * y;
+        let whole = (x * 0.5).floor();
+        whole + if s < 1.0 { 0.5 * s * s } else { 0.5 + (s - 1.0) - 0.5 * (s - 1.0) * (s - 1.0) }
+    };
+    (second(x + r) - 2.0 * second(x) + second(x - r)) / (r * r)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn square_wave_is_the_tent_average_of_a_square_wave() {
+        for (x, r) in [(0.25f32, 0.5f32), (0.9, 0.3), (1.0, 0.2), (-0.7, 1.3), (3.4, 2.2)] {
+            let n = 200_000;
+            let mut sum = 0.0f64;
+            for i in 0..n {
+                let s = (f64::from(i) + 0.5) / f64::from(n) * 2.0 - 1.0;
+                let at = f64::from(x) + s * f64::from(r);
+                let wave = if (at * 0.5 - (at * 0.5).floor()) < 0.5 { 1.0 } else { -1.0 };
+                sum += wave * (1.0 - s.abs()) * 2.0 / f64::from(n);
+            }
+            let got = f64::from(square_wave(x, r));
+            assert!((got - sum).abs() < 1e-4, "x {x}, r {r}: {got} against {sum}");
+        }
+        assert_eq!(square_wave(0.5, 0.0), 1.0);
+        assert_eq!(square_wave(1.5, 0.1), -1.0);
+        assert_eq!(square_wave(-0.5, 0.0), -1.0);
+    }
+}
