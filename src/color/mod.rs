@@ -2,6 +2,12 @@
 
 use glam::Vec3;
 
+pub mod conductor;
+mod data;
+mod named;
+pub mod spectrum;
+pub mod srgb;
+
 /// Linear RGB; also any per-channel factor.
 pub type Rgb = Vec3;
 

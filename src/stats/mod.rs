@@ -1,1 +1,305 @@
-//! (empty room)
+//! What a render cost: counters kept by each thread and merged at the end, and the record that
+//! `--stats` writes. Invariant: every counter of [`Counters`] is merged, because the merge
+//! destructures it. Never prints (`report` does) and never decides anything.
+
+mod process;
+
+pub use process::{peak_rss_bytes, thread_cpu_seconds};
+
+use serde::{Deserialize, Serialize};
+
+/// Counters of one thread. A thread owns its copy and nobody else writes it, so they are plain
+/// numbers; the alignment keeps two threads' copies out of one cache line (and its prefetched pair).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(align(128))]
+pub struct Counters {
+    /// Camera samples finished.
+    pub samples: u64,
+    /// Samples whose radiance was infinite or not a number, and was dropped.
+    pub non_finite_samples: u64,
+    /// Closest-hit queries.
+    pub closest: u64,
+    /// Occlusion queries.
+    pub occluded: u64,
+    /// Processor time spent working, in nanoseconds.
+    pub busy_nanoseconds: u64,
+    /// Time spent waiting for data, in nanoseconds.
+    pub stall_nanoseconds: u64,
+}
+
+impl Counters {
+    /// Adds another thread's counters.
+    pub fn merge(&mut self, other: &Self) {
+        // Destructured, so that a new counter breaks the build until it is merged.
+        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds, stall_nanoseconds } =
+            *other;
+        self.samples += samples;
+        self.non_finite_samples += non_finite_samples;
+        self.closest += closest;
+        self.occluded += occluded;
+        self.busy_nanoseconds += busy_nanoseconds;
+        self.stall_nanoseconds += stall_nanoseconds;
+    }
+}
+
+/// What `--stats` writes. Sizes in bytes, times in seconds. Unknown keys are ignored and missing
+/// ones are zero when it is read back, so that a report of another version still prints.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RenderStats {
+    /// Weir's version.
+    pub weir: String,
+    /// The scene file.
+    pub scene: String,
+    /// What was in force, defaults and the scene's own values included.
+    pub settings: EffectiveSettings,
+    /// What the scene calls for.
+    pub plan: PlanStats,
+    /// Where the time went.
+    pub time: TimeStats,
+    /// The image.
+    pub image: ImageStats,
+    /// Rays traced.
+    pub rays: RayStats,
+    /// Where the memory went.
+    pub memory: MemoryStats,
+    /// Worker threads.
+    pub threads: usize,
+    /// Processor seconds of the workers over `render_s` × `threads`, at most 1.
+    pub busy: f64,
+    /// Whether it was stopped before its last sample.
+    pub interrupted: bool,
+}
+
+/// Settings in force during a render.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct EffectiveSettings {
+    /// Which library traversed.
+    pub backend: String,
+    /// Samples per pixel asked for.
+    pub spp: u32,
+    /// Seed.
+    pub seed: u64,
+    /// Scattering events.
+    pub max_depth: u32,
+    /// Russian roulette.
+    pub roulette: bool,
+    /// Embree's robust mode.
+    pub robust: bool,
+    /// Warnings were errors.
+    pub strict: bool,
+    /// Limit on the rendering time.
+    pub time_limit_s: Option<f64>,
+    /// Crop window x0, y0, x1, y1 (exclusive) in the full frame.
+    pub crop: [u32; 4],
+    /// Full frame.
+    pub full_size: [u32; 2],
+}
+
+/// What the scene calls for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PlanStats {
+    /// Bytes were everything resident.
+    pub bytes: PlanBytes,
+}
+
+/// Bytes were everything resident.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct PlanBytes {
+    /// Vertices, attributes and acceleration structures.
+    pub geometry: u64,
+    /// Textures, all levels, decoded.
+    pub textures: u64,
+}
+
+/// Seconds of wall time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct TimeStats {
+    /// Reading the scene file.
+    pub parse_s: f64,
+    /// Planning, and loading meshes and textures.
+    pub prepare_s: f64,
+    /// Building acceleration structures.
+    pub build_s: f64,
+    /// From the first ray to the last.
+    pub render_s: f64,
+    /// Encoding and writing images.
+    pub write_s: f64,
+    /// All of it.
+    pub total_s: f64,
+    /// From the start to the first finished pixel sample.
+    pub first_pixel_s: f64,
+    /// Threads waiting for data, summed.
+    pub stall_s: f64,
+}
+
+/// The image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ImageStats {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Whole samples per pixel that are in the image.
+    pub spp: u32,
+    /// Camera samples traced.
+    pub samples: u64,
+    /// Samples that were infinite or not a number.
+    pub non_finite_samples: u64,
+}
+
+/// Rays traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RayStats {
+    /// Closest-hit queries.
+    pub closest: u64,
+    /// Occlusion queries.
+    pub occluded: u64,
+    /// Both kinds, per second of `render_s`.
+    pub per_second: f64,
+}
+
+/// Bytes of memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MemoryStats {
+    /// The bound asked for; `None` when there is none.
+    pub budget: Option<u64>,
+    /// Most that our own accounting saw at once.
+    pub peak_accounted: u64,
+    /// Most that the process held, by the operating system; `None` when it does not say.
+    pub peak_rss: Option<u64>,
+    /// `peak_rss` less `peak_accounted`: code, stacks, what nobody counted.
+    pub unaccounted: Option<i64>,
+}
+
+impl RenderStats {
+    /// Fills in what follows from merged counters and from `time.render_s`, `threads` and
+    /// `memory.peak_accounted`, which must be set before; reads the process's peak memory.
+    pub fn finish(&mut self, counters: &Counters) {
+        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds, stall_nanoseconds } =
+            *counters;
+        self.image.samples = samples;
+        self.image.non_finite_samples = non_finite_samples;
+        self.rays = RayStats {
+            closest,
+            occluded,
+            per_second: per_second((closest + occluded) as f64, self.time.render_s),
+        };
+        self.time.stall_s = stall_nanoseconds as f64 * 1e-9;
+        // Two clocks, so the quotient may pass one by their granularity.
+        self.busy =
+            per_second(busy_nanoseconds as f64 * 1e-9, self.time.render_s * self.threads as f64).min(1.0);
+        self.note_peak_memory();
+    }
+
+    /// Reads the process's peak memory again: writing images comes after [`Self::finish`].
+    pub fn note_peak_memory(&mut self) {
+        self.memory.peak_rss = peak_rss_bytes();
+        self.memory.unaccounted =
+            self.memory.peak_rss.map(|rss| rss as i64 - self.memory.peak_accounted as i64);
+    }
+
+    /// Camera samples per second of rendering; 0 when no time passed.
+    #[must_use]
+    pub fn samples_per_second(&self) -> f64 {
+        per_second(self.image.samples as f64, self.time.render_s)
+    }
+}
+
+fn per_second(count: f64, seconds: f64) -> f64 {
+    if seconds > 0.0 { count / seconds } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn merging_adds_every_counter() {
+        let a = Counters {
+            samples: 1,
+            non_finite_samples: 2,
+            closest: 3,
+            occluded: 4,
+            busy_nanoseconds: 5,
+            stall_nanoseconds: 6,
+        };
+        let mut sum = a;
+        sum.merge(&a);
+        let twice = Counters {
+            samples: 2,
+            non_finite_samples: 4,
+            closest: 6,
+            occluded: 8,
+            busy_nanoseconds: 10,
+            stall_nanoseconds: 12,
+        };
+        assert_eq!(sum, twice);
+    }
+
+    #[test]
+    fn finishing_derives_rates() {
+        let mut stats = RenderStats { threads: 2, ..RenderStats::default() };
+        stats.time.render_s = 4.0;
+        stats.memory.peak_accounted = 1000;
+        let counters = Counters {
+            samples: 800,
+            non_finite_samples: 1,
+            closest: 3000,
+            occluded: 1000,
+            busy_nanoseconds: 6_000_000_000,
+            stall_nanoseconds: 500_000_000,
+        };
+        stats.finish(&counters);
+        assert_eq!(stats.busy, 0.75);
+        assert_eq!(stats.rays.per_second, 1000.0);
+        assert_eq!(stats.samples_per_second(), 200.0);
+        assert_eq!((stats.image.samples, stats.image.non_finite_samples), (800, 1));
+        assert_eq!(stats.time.stall_s, 0.5);
+        if let Some(rss) = stats.memory.peak_rss {
+            assert_eq!(stats.memory.unaccounted, Some(rss as i64 - 1000));
+        }
+        assert_eq!(RenderStats::default().samples_per_second(), 0.0);
+    }
+
+    /// The keys are a contract: other programs read them.
+    #[test]
+    fn json_has_the_keys_of_the_contract() {
+        let json = serde_json::to_value(RenderStats::default()).expect("plain data");
+        for (object, keys) in [
+            ("", &["weir", "scene", "settings", "plan", "time", "image", "rays", "memory"][..]),
+            ("plan/bytes", &["geometry", "textures"]),
+            (
+                "time",
+                &[
+                    "parse_s",
+                    "prepare_s",
+                    "build_s",
+                    "render_s",
+                    "write_s",
+                    "total_s",
+                    "first_pixel_s",
+                    "stall_s",
+                ],
+            ),
+            ("image", &["width", "height", "spp", "samples", "non_finite_samples"]),
+            ("rays", &["closest", "occluded", "per_second"]),
+            ("memory", &["budget", "peak_accounted", "peak_rss", "unaccounted"]),
+        ] {
+            for key in keys {
+                let pointer = if object.is_empty() { format!("/{key}") } else { format!("/{object}/{key}") };
+                assert!(json.pointer(&pointer).is_some(), "{pointer} is missing");
+            }
+        }
+        let sparse: RenderStats =
+            serde_json::from_str(r#"{"scene": "a.pbrt", "new": 1}"#).expect("of another version");
+        assert_eq!(sparse.scene, "a.pbrt");
+    }
+}

@@ -1,0 +1,226 @@
+//! Files that appear whole or not at all: written under another name in the same directory, synced,
+//! then renamed. Invariant: until the rename the old file is intact, and after an error no partial
+//! file is left. Never chooses a format.
+
+use crate::error::{Error, Result};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Partial files that exist now, for [`remove_partial_files`].
+static PARTIAL: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+static NEXT: AtomicU64 = AtomicU64::new(0);
+
+/// Writes `path` by `write`, replacing what was there only once every byte is on the disk.
+///
+/// # Errors
+/// [`Error::Io`] with `path`; the old file is then untouched.
+pub fn replace_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
+    let target = resolve(path);
+    let inner = || -> io::Result<()> {
+        let (file, partial) = Partial::create(&target)?;
+        let mut writer = BufWriter::new(file);
+        write(&mut writer)?;
+        let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
+        if let Ok(old) = fs::metadata(&target) {
+            file.set_permissions(old.permissions())?;
+        }
+        file.sync_all()?;
+        partial.rename(&target)?;
+        // The rename itself reaches the disk with its directory; not every file system can sync one.
+        let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
+        Ok(())
+    };
+    inner().map_err(|e| Error::io(path, e))
+}
+
+/// Whether [`replace_file`] could write `path` now: to learn it before an hour of work and not after.
+///
+/// # Errors
+/// [`Error::Io`] or [`Error::Usage`] naming what stands in the way.
+pub fn check_replaceable(path: &Path) -> Result<()> {
+    let target = resolve(path);
+    match fs::metadata(&target) {
+        Ok(old) if old.is_dir() => {
+            return Err(Error::Usage(format!("{}: is a directory; name a file in it", path.display())));
+        }
+        Ok(old) if !old.is_file() => {
+            let message = format!("{}: is not a regular file; name one that can be replaced", path.display());
+            return Err(Error::Usage(message));
+        }
+        Ok(old) if old.permissions().readonly() => {
+            let message =
+                format!("{}: is write-protected; make it writable or name another file", path.display());
+            return Err(Error::Usage(message));
+        }
+        Ok(_) => {}
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {
+            let directory = directory_of(&target);
+            if !directory.is_dir() {
+                let message = format!(
+                    "{}: there is no directory {}; make it first",
+                    path.display(),
+                    directory.display()
+                );
+                return Err(Error::Usage(message));
+            }
+        }
+        Err(e) => return Err(Error::io(path, e)),
+    }
+    // Dropping the guard removes the probe.
+    Partial::create(&target).map(|_| ()).map_err(|e| Error::io(path, e))
+}
+
+/// Removes every partial file of this process: for an exit that runs no destructors.
+pub fn remove_partial_files() {
+    for path in PARTIAL.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// Through a symbolic link to what it names: renaming would otherwise replace the link.
+fn resolve(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+fn directory_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+/// A partial file; dropping it without `rename` removes it.
+struct Partial {
+    path: PathBuf,
+}
+
+impl Partial {
+    fn create(target: &Path) -> io::Result<(File, Self)> {
+        loop {
+            let number = NEXT.fetch_add(1, Ordering::Relaxed);
+            let path = directory_of(target).join(format!(".weir-{}-{number}.part", std::process::id()));
+            // Held across the creation, so that an exit in between misses no file.
+            let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
+            match OpenOptions::new().write(true).create_new(true).open(&path) {
+                Ok(file) => {
+                    partial.push(path.clone());
+                    return Ok((file, Self { path }));
+                }
+                // Left by a killed process of the same id.
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(e),
+            }
+        }
+    }
+
+    fn rename(self, target: &Path) -> io::Result<()> {
+        fs::rename(&self.path, target)
+    }
+}
+
+impl Drop for Partial {
+    fn drop(&mut self) {
+        let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
+        partial.retain(|path| *path != self.path);
+        // After a rename there is nothing of that name left to remove.
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+/// Writes `bytes` as `path`, whole or not at all.
+///
+/// # Errors
+/// As [`replace_file`].
+pub fn replace_with_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
+    replace_file(path, |writer| writer.write_all(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(directory: &Path) -> Vec<String> {
+        let entries = fs::read_dir(directory).expect("the test's own directory");
+        let mut names: Vec<String> =
+            entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn an_error_leaves_the_old_file_and_nothing_else() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("a.exr");
+        replace_with_bytes(&path, b"old").expect("first write");
+        let failed = replace_file(&path, |writer| {
+            writer.write_all(&[7; 100_000])?;
+            Err(io::Error::other("disk on fire"))
+        });
+        assert!(failed.expect_err("must fail").to_string().contains("disk on fire"));
+        assert_eq!(fs::read(&path).expect("still there"), b"old");
+        assert_eq!(names(directory.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn a_panic_leaves_the_old_file_and_nothing_else() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("a.exr");
+        replace_with_bytes(&path, b"old").expect("first write");
+        let target = path.clone();
+        let thread = std::thread::spawn(move || replace_file(&target, |_| panic!("expected by this test")));
+        assert!(thread.join().is_err());
+        assert_eq!(fs::read(&path).expect("still there"), b"old");
+        assert_eq!(names(directory.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn the_old_file_is_whole_while_the_new_one_is_being_written() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("a.exr");
+        replace_with_bytes(&path, b"old").expect("first write");
+        replace_file(&path, |writer| {
+            writer.write_all(b"new")?;
+            writer.flush()?;
+            assert_eq!(fs::read(&path)?, b"old");
+            assert_eq!(names(directory.path()).len(), 2);
+            Ok(())
+        })
+        .expect("second write");
+        assert_eq!(fs::read(&path).expect("there"), b"new");
+        assert_eq!(names(directory.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn checks_name_what_stands_in_the_way() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let message = |path: &Path| check_replaceable(path).expect_err("must fail").to_string();
+        assert!(message(directory.path()).contains("is a directory"));
+        assert!(message(&directory.path().join("no/such/a.exr")).contains("no directory"));
+        assert!(message(&directory.path().join("x").join("..").join("y/a.exr")).contains("no directory"));
+        let path = directory.path().join("protected.exr");
+        replace_with_bytes(&path, b"old").expect("write");
+        let mut permissions = fs::metadata(&path).expect("there").permissions();
+        permissions.set_readonly(true);
+        fs::set_permissions(&path, permissions).expect("own file");
+        assert!(message(&path).contains("write-protected"));
+        check_replaceable(&directory.path().join("new.exr")).expect("free to write");
+        assert_eq!(names(directory.path()), ["protected.exr"]);
+        // Never as a file below a file.
+        assert!(check_replaceable(&path.join("a.exr")).is_err());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_keeps_being_one() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let (target, link) = (directory.path().join("real.exr"), directory.path().join("link.exr"));
+        replace_with_bytes(&target, b"old").expect("write");
+        std::os::unix::fs::symlink(&target, &link).expect("link");
+        replace_with_bytes(&link, b"new").expect("write");
+        assert_eq!(fs::read(&target).expect("there"), b"new");
+        assert!(fs::symlink_metadata(&link).expect("there").file_type().is_symlink());
+    }
+}
