@@ -90,7 +90,7 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     let accel = EmbreeScene::new(&world_geometry, &objects, &instances, &geometry, options)?;
     stats.time.build_s = build_start.elapsed().as_secs_f64();
     stats.plan.bytes.geometry = geometry.bytes() + accel.bytes();
-    stats.plan.bytes.textures = textures.store().bytes();
+    stats.plan.bytes.textures = textures.store().bytes() as u64;
 
     let materials = Materials::new(scene, &textures, &tables);
     let mut lights = Lights::new(scene, &geometry, &textures, accel.bounds())?;
@@ -139,8 +139,7 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
         .first_pixel
         .get()
         .map_or(0.0, |t: &Instant| t.duration_since(start).as_secs_f64());
-    stats.time.stall_s = counters.stall_nanoseconds as f64 * 1e-9;
-    stats.record_render(&counters, threads, render_s);
+    stats.threads = threads;
     stats.weir = env!("CARGO_PKG_VERSION").into();
     stats.scene = scene.path.display().to_string();
     stats.interrupted = interrupted;
@@ -149,7 +148,7 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     stats.image.height = y1 - y0;
     stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
     stats.memory.peak_accounted =
-        geometry.bytes() + accel.bytes() + textures.store().bytes() + job.buffer.bytes();
+        geometry.bytes() + accel.bytes() + textures.store().bytes() as u64 + job.buffer.bytes();
     stats.settings = stats::EffectiveSettings {
         backend: format!("embree {}", accel.version()),
         spp,
@@ -162,9 +161,11 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
         crop: film.crop,
         full_size: [film.size.0, film.size.1],
     };
-    let mut pixels = job.buffer.resolve();
-    balance(&mut pixels, &film);
-    Ok(Outcome { image: Image::new(film.size, film.crop, pixels), stats, interrupted })
+    stats.finish(&counters);
+    let mut image = Image::cropped(film.size, film.crop);
+    image.pixels = job.buffer.resolve();
+    balance(&mut image.pixels, &film);
+    Ok(Outcome { image, stats, interrupted })
 }
 
 /// The scene's film with what the command line overrides.
@@ -328,7 +329,9 @@ impl<A: Accel> Job<'_, A> {
                 (self.control.progress)(Progress::Samples { done, total });
             }
         }
-        counters.busy_nanoseconds = ((stats::thread_cpu_seconds() - cpu) * 1e9) as u64;
+        if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
+            counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
+        }
         counters
     }
 

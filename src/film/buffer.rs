@@ -73,6 +73,13 @@ impl FilmBuffer {
         }
     }
 
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let pixels = u64::from(self.crop[2] - self.crop[0]) * u64::from(self.crop[3] - self.crop[1]);
+        pixels * 16 + self.tiles.len() as u64 * size_of::<Mutex<Tile>>() as u64
+    }
+
     /// Weighted means in rows over the window; black where there is no weight.
     #[must_use]
     pub fn resolve(&self) -> Vec<[f32; 3]> {

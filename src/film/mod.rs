@@ -1,11 +1,13 @@
 //! Pixels: where in a pixel a sample falls (`filter`), the sums it leaves (`image`), and the files
 //! they become (`write`). Never traces, never asks who rendered the samples.
 
+pub mod buffer;
 pub mod curve;
 pub mod filter;
 pub mod image;
 pub mod replace;
 pub mod write;
 
+pub use buffer::FilmBuffer;
 pub use filter::FilterSampler;
 pub use image::Image;

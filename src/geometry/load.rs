@@ -179,6 +179,16 @@ impl SceneGeometry {
             .collect()
     }
 
+    /// The emitting surfaces of the world, for a traversal of their own. Hits in it name no
+    /// surface: it answers only whether there is any.
+    #[must_use]
+    pub fn describe_emitters(&self) -> Vec<Geometry<'_>> {
+        (0..self.world_count)
+            .filter(|&i| self.surfaces[i].area_light.is_some())
+            .flat_map(|i| self.described(i..i + 1))
+            .collect()
+    }
+
     /// What a backend builds from: the world, the objects, the instances.
     #[must_use]
     #[expect(clippy::type_complexity, reason = "three lists that are taken apart at once")]

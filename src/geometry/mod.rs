@@ -5,6 +5,7 @@
 //! surface `g` (or the object's base + `g`) here.
 
 mod load;
+pub mod loop_subdivision;
 mod patch;
 mod point;
 mod quadric;

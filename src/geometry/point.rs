@@ -138,7 +138,7 @@ impl SceneGeometry {
                 }
                 let at = q.at(o + d * f64::from(hit.t));
                 let p = at.p.as_vec3();
-                let ng = (at.n * sign).as_vec3();
+                let ng = at.n.as_vec3() * sign;
                 let stretch = at.dpdu.cross(at.dpdv).length();
                 SurfacePoint {
                     p,

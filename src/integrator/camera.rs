@@ -2,7 +2,6 @@
 //! camera looks along +z, y is up, raster y runs down, `fov` spans the shorter axis.
 
 use crate::accel::Ray;
-use crate::integrator::light::env::equal_area_square_to_sphere;
 use crate::math::warp::concentric_disk;
 use crate::scene::{self, CameraKind};
 use glam::{Vec2, Vec3};
@@ -87,6 +86,25 @@ impl Camera {
         self.x * v.x + self.y * v.y + self.z * v.z
     }
 
+    /// Width of a pixel where a surface with unit normal `n` passes `p`, as if seen directly;
+    /// the tilt stretches it, at most eightfold.
+    #[inline]
+    #[must_use]
+    pub fn pixel_width_at(&self, p: Vec3, n: Vec3) -> f32 {
+        let d = p - self.position;
+        let distance = d.length();
+        let (width, cos) = match self.kind {
+            Projection::Perspective { tangent } => {
+                (self.scale.x.abs() * tangent * distance, d.dot(n).abs() / distance)
+            }
+            Projection::Orthographic => (self.scale.x.abs() * self.x.length(), self.z.dot(n).abs()),
+            Projection::EqualArea | Projection::LatLong => {
+                ((4.0 * PI / (self.film.x * self.film.y)).sqrt() * distance, d.dot(n).abs() / distance)
+            }
+        };
+        width / cos.max(0.125)
+    }
+
     /// The ray through `raster` (pixels, y down) and the lens point warped from `lens` in [0,1)².
     #[inline(always)]
     #[must_use]
@@ -125,7 +143,7 @@ impl Camera {
                     let (theta, phi) = (PI * uv.y, 2.0 * PI * uv.x);
                     Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
                 } else {
-                    equal_area_square_to_sphere(uv)
+                    crate::math::warp::uniform_sphere(uv)
                 };
                 origin = Vec3::ZERO;
                 // pbrt's sphere has z up; the camera has y up.

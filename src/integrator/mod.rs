@@ -1,3 +1,8 @@
 //! Turns hits into radiance and new rays. Never waits for I/O, never asks which scheduler called.
 
 pub mod bsdf;
+pub mod camera;
+pub mod lights;
+pub mod materials;
+pub mod path;
+pub mod sampler;

@@ -123,7 +123,7 @@ impl<'a, A: Accel> World<'a, A> {
     #[inline(always)]
     #[must_use]
     pub fn camera_path(&self, raster: Vec2, lens: Vec2, key: u32, sample: u32, slot: u32) -> Path {
-        let ray = self.camera.ray(raster, lens);
+        let ray = self.camera.ray(raster, lens).ray;
         Path {
             origin: ray.origin,
             direction: ray.direction,
@@ -152,7 +152,7 @@ impl<'a, A: Accel> World<'a, A> {
                 break;
             }
             self.trace(wave, counters);
-            self.shade(wave, depth, counters);
+            self.shade(wave, depth);
             self.connect(wave, counters);
         }
         wave.paths.clear();
@@ -161,7 +161,7 @@ impl<'a, A: Accel> World<'a, A> {
     /// Finds what every path's ray meets, passing interfaces.
     fn trace(&self, wave: &mut Wave, counters: &mut Counters) {
         wave.hits.clear();
-        counters.rays_closest += wave.paths.len() as u64;
+        counters.closest += wave.paths.len() as u64;
         for path in &mut wave.paths {
             let hit = self.accel.closest(&Ray::new(path.origin, path.direction));
             wave.hits.push(hit);
@@ -187,7 +187,7 @@ impl<'a, A: Accel> World<'a, A> {
             path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
             path.travelled += hit.t;
             path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
-            counters.rays_closest += 1;
+            counters.closest += 1;
             *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
         }
     }
@@ -205,7 +205,7 @@ impl<'a, A: Accel> World<'a, A> {
     }
 
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
-    fn shade(&self, wave: &mut Wave, depth: u32, counters: &mut Counters) {
+    fn shade(&self, wave: &mut Wave, depth: u32) {
         wave.shadows.clear();
         let mut kept = 0;
         for i in 0..wave.paths.len() {
@@ -226,7 +226,6 @@ impl<'a, A: Accel> World<'a, A> {
             kept += usize::from(alive);
         }
         wave.paths.truncate(kept);
-        let _ = counters;
     }
 
     /// Radiance from where no surface is.
@@ -357,7 +356,7 @@ impl<'a, A: Accel> World<'a, A> {
 
     /// Adds the light samples that nothing occludes.
     fn connect(&self, wave: &mut Wave, counters: &mut Counters) {
-        counters.rays_occluded += wave.shadows.len() as u64;
+        counters.occluded += wave.shadows.len() as u64;
         for shadow in &wave.shadows {
             let transmitted = if self.has_interfaces || shadow.medium != NONE {
                 self.transmitted(shadow, counters)
@@ -377,7 +376,7 @@ impl<'a, A: Accel> World<'a, A> {
         let length = ray.direction.length();
         loop {
             let hit = self.accel.closest(&ray);
-            counters.rays_closest += 1;
+            counters.closest += 1;
             if hit.geometry == NONE {
                 return through * self.transmittance(medium, ray.t_max * length);
             }
@@ -409,7 +408,7 @@ impl<'a, A: Accel> World<'a, A> {
                 let ray = Ray::new(path.origin, path.direction);
                 let may_emit = match self.emitters_only {
                     Some(emitters) => {
-                        counters.rays_occluded += 1;
+                        counters.occluded += 1;
                         emitters.occluded(&ray)
                     }
                     None => !self.lights.emitters.is_empty(),
@@ -418,7 +417,7 @@ impl<'a, A: Accel> World<'a, A> {
                     wave.paths[kept] = path;
                     kept += 1;
                 } else if sky {
-                    counters.rays_occluded += 1;
+                    counters.occluded += 1;
                     if !self.accel.occluded(&ray) {
                         self.add_background(&path, &mut wave.radiance[path.slot as usize]);
                     }
@@ -427,7 +426,7 @@ impl<'a, A: Accel> World<'a, A> {
             wave.paths.truncate(kept);
         }
         self.trace(wave, counters);
-        self.shade(wave, self.max_depth, counters);
+        self.shade(wave, self.max_depth);
     }
 }
 

@@ -12,7 +12,7 @@ use crate::texture::ImageNeeds;
 pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
     let mut walk = Walk {
         scene,
-        needs: vec![ImageNeeds::default(); scene.images.len()],
+        needs: vec![ImageNeeds { used: false, mip_levels: false }; scene.images.len()],
         textures: vec![false; scene.textures.len()],
         materials: vec![false; scene.materials.len()],
     };
