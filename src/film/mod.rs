@@ -1,9 +1,9 @@
 //! Pixels: where in a pixel a sample falls (`filter`), the sums it leaves (`image`), and the files
 //! they become (`write`). Never traces, never asks who rendered the samples.
 
-pub mod curve;
 pub mod filter;
 pub mod image;
+pub mod read;
 pub mod replace;
 pub mod write;
 
