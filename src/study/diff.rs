@@ -313,7 +313,8 @@ mod tests {
 
     #[test]
     fn a_block_agrees_up_to_its_tolerance() {
-        let agree = |a: f32, b: f32| diff(&grey(16, 16, a), &grey(16, 16, b)).expect("one size").agreement.agreeing;
+        let agree =
+            |a: f32, b: f32| diff(&grey(16, 16, a), &grey(16, 16, b)).expect("one size").agreement.agreeing;
         // 5 % of 1 and 0.002.
         assert_eq!((agree(1.0519, 1.0), agree(1.0521, 1.0)), (1, 0));
         assert_eq!((agree(0.9481, 1.0), agree(0.9479, 1.0)), (1, 0));
