@@ -18,6 +18,14 @@ pub struct TriangleMesh {
     pub indices: Vec<[u32; 3]>,
 }
 
+impl TriangleMesh {
+    /// Leaves room for one vertex behind the last in the positions' allocation: Embree loads
+    /// 16 bytes at every 12-byte vertex. Every reader ends with this; nothing else arranges it.
+    pub fn pad_positions(&mut self) {
+        self.positions.reserve(1);
+    }
+}
+
 /// Bilinear patches; corners p00, p10, p01, p11 as pbrt orders them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PatchMesh {

@@ -3,6 +3,9 @@
 
 pub mod description;
 pub mod mesh;
+pub mod obj;
+pub mod ply;
+mod polygon;
 
 pub use description::*;
 pub use mesh::*;

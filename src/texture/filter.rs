@@ -1,0 +1,272 @@
+//! Filters over levels: which level a footprint calls for, and what is averaged there. Rules and
+//! conventions are pbrt-v4's (pbrt 4th ed., §10.4.3): v = 0 is the bottom row, texel centres are at
+//! +½, point and bilinear use one level chosen by the footprint's larger extent, trilinear two, EWA
+//! the shorter axis. Values are decoded before they are averaged. Never reads outside a level.
+
+use super::texels::{Level, Memory, Texel};
+use crate::math::Vec2;
+use crate::scene::{Channels, TextureFilter, Wrap};
+use glam::Vec4;
+use std::sync::LazyLock;
+
+/// How (u, v) changes to the next pixel in x and in y; zero asks for the finest level.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Footprint {
+    /// ∂(u, v)/∂x.
+    pub duv_dx: Vec2,
+    /// ∂(u, v)/∂y.
+    pub duv_dy: Vec2,
+}
+
+/// How a texture reads its image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sampler {
+    /// Filter between texels and levels.
+    pub filter: TextureFilter,
+    /// What is outside the image.
+    pub wrap: Wrap,
+    /// Which numbers.
+    pub channels: Channels,
+}
+
+/// pbrt-v4's default bound on the ratio of an ellipse's axes.
+const MAX_ANISOTROPY: f32 = 8.0;
+const EWA_STEPS: usize = 128;
+
+/// exp(−2r²) − exp(−2) over r² in 0..1 (Heckbert's Gaussian, truncated at the ellipse).
+static EWA_WEIGHTS: LazyLock<[f32; EWA_STEPS]> = LazyLock::new(|| {
+    std::array::from_fn(|i| {
+        let r2 = i as f64 / (EWA_STEPS - 1) as f64;
+        ((-2.0 * r2).exp() - (-2f64).exp()) as f32
+    })
+});
+
+/// What a lookup needs of an image.
+pub(super) struct View<'a> {
+    pub(super) memory: &'a Memory,
+    pub(super) levels: &'a [Level],
+    pub(super) table: &'a [f32; 256],
+}
+
+impl View<'_> {
+    /// Filtered linear RGBA at `uv`.
+    #[inline(always)]
+    pub(super) fn lookup<T: Texel>(&self, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+        let st = Vec2::new(uv.x, 1.0 - uv.y);
+        if self.levels.len() == 1 && sampler.filter != TextureFilter::Ewa {
+            return match sampler.filter {
+                TextureFilter::Point => self.point::<T>(0, st, sampler.wrap),
+                _ => self.bilinear::<T>(0, st, sampler.wrap),
+            };
+        }
+        self.filtered::<T>(st, footprint, sampler)
+    }
+
+    #[inline(never)]
+    fn filtered<T: Texel>(&self, st: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+        let Footprint { duv_dx: a, duv_dy: b } = footprint;
+        let top = self.levels.len() - 1;
+        let wrap = sampler.wrap;
+        // log₂ of the finest level's texels per unit; equals the number of levels less one where
+        // sides are powers of two, as pbrt's always are.
+        let finest = self.levels[0].width.max(self.levels[0].height) as f32;
+        if sampler.filter == TextureFilter::Ewa {
+            return self.ewa::<T>(st, a, b, finest, wrap);
+        }
+        let width = 2.0 * a.abs().max(b.abs()).max_element();
+        let level = (finest * width.max(1e-8)).log2();
+        if level >= top as f32 {
+            return self.texel::<T>(top, 0, 0);
+        }
+        let i = level.max(0.0) as usize;
+        match sampler.filter {
+            TextureFilter::Point => self.point::<T>(i, st, wrap),
+            TextureFilter::Trilinear if i > 0 => {
+                let t = level - i as f32;
+                self.bilinear::<T>(i, st, wrap).lerp(self.bilinear::<T>(i + 1, st, wrap), t)
+            }
+            _ => self.bilinear::<T>(i, st, wrap),
+        }
+    }
+
+    #[inline(always)]
+    fn texel<T: Texel>(&self, level: usize, x: u32, y: u32) -> Vec4 {
+        let l = &self.levels[level];
+        l.texels::<T>(self.memory)[l.index::<T>(x, y)].decode(self.table)
+    }
+
+    fn wrapped_texel<T: Texel>(&self, level: usize, x: i32, y: i32, wrap: Wrap) -> Vec4 {
+        let l = &self.levels[level];
+        wrap_texel(x, y, l.width, l.height, wrap).map_or(Vec4::ZERO, |(x, y)| self.texel::<T>(level, x, y))
+    }
+
+    fn point<T: Texel>(&self, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
+        let l = &self.levels[level];
+        let st = into_range(st, wrap) * Vec2::new(l.width as f32, l.height as f32);
+        self.wrapped_texel::<T>(level, st.x.floor() as i32, st.y.floor() as i32, wrap)
+    }
+
+    #[inline(always)]
+    fn bilinear<T: Texel>(&self, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
+        let l = &self.levels[level];
+        let p = into_range(st, wrap) * Vec2::new(l.width as f32, l.height as f32) - 0.5;
+        let f = p.floor();
+        let t = p - f;
+        // Saturating and NaN to 0, so that any uv is safe.
+        let (x, y) = (f.x as i32, f.y as i32);
+        let (w, h) = (l.width as i32, l.height as i32);
+        let [v00, v10, v01, v11] = match wrap {
+            Wrap::Repeat | Wrap::Clamp => {
+                // After `into_range`, only the first and the last texel's halves are outside.
+                let (x0, x1, y0, y1) = if wrap == Wrap::Repeat {
+                    (
+                        if x < 0 { w - 1 } else { x.min(w - 1) },
+                        if x >= w - 1 { 0 } else { x + 1 },
+                        if y < 0 { h - 1 } else { y.min(h - 1) },
+                        if y >= h - 1 { 0 } else { y + 1 },
+                    )
+                } else {
+                    (x.max(0), (x + 1).min(w - 1), y.max(0), (y + 1).min(h - 1))
+                };
+                let (x0, x1, y0, y1) = (x0 as u32, x1 as u32, y0 as u32, y1 as u32);
+                let texels = l.texels::<T>(self.memory);
+                [(x0, y0), (x1, y0), (x0, y1), (x1, y1)]
+                    .map(|(x, y)| texels[l.index::<T>(x, y)].decode(self.table))
+            }
+            _ => {
+                let (x1, y1) = (x.saturating_add(1), y.saturating_add(1));
+                [(x, y), (x1, y), (x, y1), (x1, y1)].map(|(x, y)| self.wrapped_texel::<T>(level, x, y, wrap))
+            }
+        };
+        let top = v00 + (v10 - v00) * t.x;
+        let bottom = v01 + (v11 - v01) * t.x;
+        if t.is_nan() { v00 } else { top + (bottom - top) * t.y }
+    }
+
+    fn ewa<T: Texel>(&self, st: Vec2, a: Vec2, b: Vec2, finest: f32, wrap: Wrap) -> Vec4 {
+        // v runs up and rows run down.
+        let flip = Vec2::new(1.0, -1.0);
+        let (a, b) = (a * flip, b * flip);
+        let (long, mut short) = if a.length_squared() < b.length_squared() { (b, a) } else { (a, b) };
+        let (long_length, mut short_length) = (long.length(), short.length());
+        if short_length * MAX_ANISOTROPY < long_length && short_length > 0.0 {
+            let scale = long_length / (short_length * MAX_ANISOTROPY);
+            short *= scale;
+            short_length *= scale;
+        }
+        // Also when either is NaN: no footprint is the finest level.
+        if !(short_length > 0.0 && long_length.is_finite()) {
+            return self.bilinear::<T>(0, st, wrap);
+        }
+        let level = (finest * short_length).log2().max(0.0);
+        let i = (level as usize).min(self.levels.len());
+        let [v0, v1] = [i, i + 1].map(|i| self.ewa_level::<T>(i, st, long, short, wrap));
+        v0.lerp(v1, (level - i as f32).clamp(0.0, 1.0))
+    }
+
+    fn ewa_level<T: Texel>(&self, level: usize, st: Vec2, long: Vec2, short: Vec2, wrap: Wrap) -> Vec4 {
+        let Some(l) = self.levels.get(level) else {
+            // Beyond the last level only one texel is left; without levels, the finest must do.
+            return match self.levels.len() {
+                1 => self.bilinear::<T>(0, st, wrap),
+                n => self.texel::<T>(n - 1, 0, 0),
+            };
+        };
+        let size = Vec2::new(l.width as f32, l.height as f32);
+        let p = into_range(st, wrap) * size - 0.5;
+        if !p.is_finite() {
+            return self.wrapped_texel::<T>(level, 0, 0, Wrap::Clamp);
+        }
+        let (long, short) = (long * size, short * size);
+        // The ellipse A s² + B s t + C t² < 1, at least a texel wide (the + 1).
+        let mut c = (
+            long.y * long.y + short.y * short.y + 1.0,
+            -2.0 * (long.x * long.y + short.x * short.y),
+            long.x * long.x + short.x * short.x + 1.0,
+        );
+        let inv_f = 1.0 / (c.0 * c.2 - 0.25 * c.1 * c.1);
+        c = (c.0 * inv_f, c.1 * inv_f, c.2 * inv_f);
+        let det = 4.0 * c.0 * c.2 - c.1 * c.1;
+        let reach = 2.0 / det * Vec2::new((det * c.2).max(0.0).sqrt(), (det * c.0).max(0.0).sqrt());
+        // Without levels a footprint may span the image: what it covers is bounded, not the cost.
+        let reach = reach.min(Vec2::splat(64.0));
+        let (lo, hi) = ((p - reach).ceil(), (p + reach).floor());
+        let (mut sum, mut weights) = (Vec4::ZERO, 0.0);
+        for y in lo.y as i32..=hi.y as i32 {
+            let t = y as f32 - p.y;
+            for x in lo.x as i32..=hi.x as i32 {
+                let s = x as f32 - p.x;
+                let r2 = c.0 * s * s + c.1 * s * t + c.2 * t * t;
+                if r2 < 1.0 {
+                    let weight = EWA_WEIGHTS[((r2 * EWA_STEPS as f32) as usize).min(EWA_STEPS - 1)];
+                    sum += weight * self.wrapped_texel::<T>(level, x, y, wrap);
+                    weights += weight;
+                }
+            }
+        }
+        if weights > 0.0 { sum / weights } else { self.bilinear::<T>(level, st, wrap) }
+    }
+}
+
+/// Brings coordinates near the image where that changes nothing: exact for large uv and it makes
+/// the texel arithmetic free of division.
+#[inline(always)]
+fn into_range(st: Vec2, wrap: Wrap) -> Vec2 {
+    match wrap {
+        Wrap::Repeat => st - st.floor(),
+        Wrap::Clamp => st.clamp(Vec2::ZERO, Vec2::ONE),
+        Wrap::Black | Wrap::OctahedralSphere => st.clamp(Vec2::splat(-4.0), Vec2::splat(4.0)),
+    }
+}
+
+fn wrap_texel(x: i32, y: i32, width: u32, height: u32, wrap: Wrap) -> Option<(u32, u32)> {
+    let (w, h) = (width as i32, height as i32);
+    let (x, y) = match wrap {
+        Wrap::Repeat => (x.rem_euclid(w), y.rem_euclid(h)),
+        Wrap::Clamp => (x.clamp(0, w - 1), y.clamp(0, h - 1)),
+        Wrap::Black if x < 0 || y < 0 || x >= w || y >= h => return None,
+        Wrap::Black => (x, y),
+        Wrap::OctahedralSphere => {
+            // Over an edge one comes back through the same edge, mirrored along it (Clarberg 2008).
+            let fold = |a: i32, n: i32| {
+                if a < 0 {
+                    (-a - 1, true)
+                } else if a >= n {
+                    (2 * n - 1 - a, true)
+                } else {
+                    (a, false)
+                }
+            };
+            let ((fx, over_x), (fy, over_y)) = (fold(x, w), fold(y, h));
+            let x = if over_y { w - 1 - fx } else { fx };
+            let y = if over_x { h - 1 - fy } else { fy };
+            (x.clamp(0, w - 1), y.clamp(0, h - 1))
+        }
+    };
+    Some((x as u32, y as u32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wraps_of_single_texels() {
+        let at = |x, y, wrap| wrap_texel(x, y, 8, 4, wrap);
+        assert_eq!(at(-1, 4, Wrap::Repeat), Some((7, 0)));
+        assert_eq!(at(-1, 4, Wrap::Clamp), Some((0, 3)));
+        assert_eq!(at(-1, 2, Wrap::Black), None);
+        assert_eq!(at(7, 3, Wrap::Black), Some((7, 3)));
+        // Across the top edge the sphere continues mirrored about its middle.
+        assert_eq!(at(2, -1, Wrap::OctahedralSphere), Some((5, 0)));
+        assert_eq!(at(-1, 1, Wrap::OctahedralSphere), Some((0, 2)));
+        assert_eq!(at(-1, -1, Wrap::OctahedralSphere), Some((7, 3)));
+    }
+
+    #[test]
+    fn ewa_weights_end_at_zero() {
+        assert!((EWA_WEIGHTS[0] - 0.864_664_7).abs() < 1e-6);
+        assert!(EWA_WEIGHTS[EWA_STEPS - 1].abs() < 1e-7);
+        assert!(EWA_WEIGHTS.windows(2).all(|w| w[0] > w[1]));
+    }
+}
