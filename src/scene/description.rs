@@ -459,6 +459,7 @@ pub struct AreaLight {
 
 /// Lights without a shape.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a scene has few lights without a shape")]
 pub enum Light {
     /// Parallel light: irradiance on a facing surface is `irradiance`.
     Distant {
