@@ -453,7 +453,7 @@ pub struct AreaLight {
     pub image: Option<ImageId>,
     /// Both sides emit.
     pub two_sided: bool,
-    /// Total power [W] asked for; the renderer divides it by the area it finds.
+    /// Total power in watts asked for; the renderer divides it by the area it finds.
     pub power: Option<f32>,
 }
 
