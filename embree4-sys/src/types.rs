@@ -1,0 +1,434 @@
+//! Handles, constants, callback types, and the structs that callbacks and queries receive.
+//!
+//! Invariant: C enumerations are `c_uint` aliases with constants, never Rust enums, because a newer
+//! library may return a value that is not listed here and a Rust enum would then be undefined behaviour.
+//! Never: owns a handle; reference counts are the caller's.
+
+use core::ffi::{c_char, c_int, c_uint, c_void};
+use core::marker::{PhantomData, PhantomPinned};
+
+macro_rules! handles {
+    ($($(#[$doc:meta])* $opaque:ident => $handle:ident;)*) => {$(
+        #[doc = concat!("What a [`", stringify!($handle), "`] points at; only Embree knows its fields.")]
+        #[repr(C)]
+        #[derive(Debug)]
+        pub struct $opaque {
+            _bytes: [u8; 0],
+            _neither_send_nor_sync: PhantomData<(*mut u8, PhantomPinned)>,
+        }
+        $(#[$doc])*
+        pub type $handle = *mut $opaque;
+    )*};
+}
+
+handles! {
+    /// A device: configuration, error state and memory monitor. Reference-counted.
+    RTCDeviceTy => RTCDevice;
+    /// A scene: geometries and the acceleration structure over them. Reference-counted.
+    RTCSceneTy => RTCScene;
+    /// A geometry, attached to any number of scenes. Reference-counted.
+    RTCGeometryTy => RTCGeometry;
+    /// A buffer that several geometries may share. Reference-counted.
+    RTCBufferTy => RTCBuffer;
+}
+
+macro_rules! opaque {
+    ($($(#[$doc:meta])* $name:ident;)*) => {$(
+        $(#[$doc])*
+        #[repr(C)]
+        #[derive(Debug)]
+        pub struct $name {
+            _bytes: [u8; 0],
+            _neither_send_nor_sync: PhantomData<(*mut u8, PhantomPinned)>,
+        }
+    )*};
+}
+
+opaque! {
+    /// `N` rays as twelve columns of `N` 4-byte values, in [`crate::RTCRay`]'s order.
+    RTCRayN;
+    /// `N` hits as nine columns of `N` 4-byte values, in [`crate::RTCHit`]'s order.
+    RTCHitN;
+    /// `N` rays, then `N` hits: 21 columns of `N` 4-byte values.
+    RTCRayHitN;
+}
+
+/// Instance levels that the library is built with; 2 or more would change every hit's layout.
+pub const RTC_MAX_INSTANCE_LEVEL_COUNT: usize = 1;
+/// Time steps that a geometry may have at most.
+pub const RTC_MAX_TIME_STEP_COUNT: usize = 129;
+/// "No geometry", "no instance".
+pub const RTC_INVALID_GEOMETRY_ID: c_uint = u32::MAX;
+
+macro_rules! enumeration {
+    ($(#[$doc:meta])* $type:ident { $($(#[$about:meta])* $name:ident = $value:expr;)* }) => {
+        $(#[$doc])*
+        pub type $type = c_uint;
+        $(
+            #[doc = concat!("See [`", stringify!($type), "`].")]
+            $(#[$about])*
+            pub const $name: $type = $value;
+        )*
+    };
+}
+
+enumeration! {
+    /// What can be asked of a device.
+    RTCDeviceProperty {
+        /// major * 10000 + minor * 100 + patch.
+        RTC_DEVICE_PROPERTY_VERSION = 0;
+        RTC_DEVICE_PROPERTY_VERSION_MAJOR = 1;
+        RTC_DEVICE_PROPERTY_VERSION_MINOR = 2;
+        RTC_DEVICE_PROPERTY_VERSION_PATCH = 3;
+        RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED = 32;
+        RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED = 33;
+        RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED = 34;
+        RTC_DEVICE_PROPERTY_BACKFACE_CULLING_CURVES_ENABLED = 63;
+        RTC_DEVICE_PROPERTY_RAY_MASK_SUPPORTED = 64;
+        RTC_DEVICE_PROPERTY_BACKFACE_CULLING_ENABLED = 65;
+        RTC_DEVICE_PROPERTY_FILTER_FUNCTION_SUPPORTED = 66;
+        RTC_DEVICE_PROPERTY_IGNORE_INVALID_RAYS_ENABLED = 67;
+        RTC_DEVICE_PROPERTY_COMPACT_POLYS_ENABLED = 68;
+        RTC_DEVICE_PROPERTY_TRIANGLE_GEOMETRY_SUPPORTED = 96;
+        RTC_DEVICE_PROPERTY_QUAD_GEOMETRY_SUPPORTED = 97;
+        RTC_DEVICE_PROPERTY_SUBDIVISION_GEOMETRY_SUPPORTED = 98;
+        RTC_DEVICE_PROPERTY_CURVE_GEOMETRY_SUPPORTED = 99;
+        RTC_DEVICE_PROPERTY_USER_GEOMETRY_SUPPORTED = 100;
+        RTC_DEVICE_PROPERTY_POINT_GEOMETRY_SUPPORTED = 101;
+        /// 0 its own, 1 oneTBB, 2 PPL.
+        RTC_DEVICE_PROPERTY_TASKING_SYSTEM = 128;
+        RTC_DEVICE_PROPERTY_JOIN_COMMIT_SUPPORTED = 129;
+        RTC_DEVICE_PROPERTY_PARALLEL_COMMIT_SUPPORTED = 130;
+    }
+}
+
+enumeration! {
+    /// What went wrong last on this thread.
+    RTCError {
+        RTC_ERROR_NONE = 0;
+        RTC_ERROR_UNKNOWN = 1;
+        RTC_ERROR_INVALID_ARGUMENT = 2;
+        RTC_ERROR_INVALID_OPERATION = 3;
+        RTC_ERROR_OUT_OF_MEMORY = 4;
+        /// The processor lacks SSE2.
+        RTC_ERROR_UNSUPPORTED_CPU = 5;
+        /// A memory or progress monitor said stop.
+        RTC_ERROR_CANCELLED = 6;
+    }
+}
+
+enumeration! {
+    /// What a geometry is made of.
+    RTCGeometryType {
+        RTC_GEOMETRY_TYPE_TRIANGLE = 0;
+        RTC_GEOMETRY_TYPE_QUAD = 1;
+        RTC_GEOMETRY_TYPE_GRID = 2;
+        RTC_GEOMETRY_TYPE_SUBDIVISION = 8;
+        RTC_GEOMETRY_TYPE_CONE_LINEAR_CURVE = 15;
+        RTC_GEOMETRY_TYPE_ROUND_LINEAR_CURVE = 16;
+        RTC_GEOMETRY_TYPE_FLAT_LINEAR_CURVE = 17;
+        RTC_GEOMETRY_TYPE_ROUND_BEZIER_CURVE = 24;
+        RTC_GEOMETRY_TYPE_FLAT_BEZIER_CURVE = 25;
+        RTC_GEOMETRY_TYPE_NORMAL_ORIENTED_BEZIER_CURVE = 26;
+        RTC_GEOMETRY_TYPE_ROUND_BSPLINE_CURVE = 32;
+        RTC_GEOMETRY_TYPE_FLAT_BSPLINE_CURVE = 33;
+        RTC_GEOMETRY_TYPE_NORMAL_ORIENTED_BSPLINE_CURVE = 34;
+        RTC_GEOMETRY_TYPE_SPHERE_POINT = 50;
+        RTC_GEOMETRY_TYPE_DISC_POINT = 51;
+        RTC_GEOMETRY_TYPE_ORIENTED_DISC_POINT = 52;
+        RTC_GEOMETRY_TYPE_USER = 120;
+        RTC_GEOMETRY_TYPE_INSTANCE = 121;
+        RTC_GEOMETRY_TYPE_INSTANCE_ARRAY = 122;
+    }
+}
+
+enumeration! {
+    /// What a geometry's buffer holds.
+    RTCBufferType {
+        RTC_BUFFER_TYPE_INDEX = 0;
+        RTC_BUFFER_TYPE_VERTEX = 1;
+        RTC_BUFFER_TYPE_VERTEX_ATTRIBUTE = 2;
+        RTC_BUFFER_TYPE_NORMAL = 3;
+        RTC_BUFFER_TYPE_TANGENT = 4;
+        RTC_BUFFER_TYPE_NORMAL_DERIVATIVE = 5;
+        RTC_BUFFER_TYPE_GRID = 8;
+        RTC_BUFFER_TYPE_FACE = 16;
+        RTC_BUFFER_TYPE_LEVEL = 17;
+        RTC_BUFFER_TYPE_TRANSFORM = 23;
+        RTC_BUFFER_TYPE_FLAGS = 32;
+    }
+}
+
+enumeration! {
+    /// The format of a buffer's items or of a transform.
+    RTCFormat {
+        RTC_FORMAT_UNDEFINED = 0;
+        RTC_FORMAT_UCHAR = 0x1001;
+        RTC_FORMAT_USHORT = 0x3001;
+        RTC_FORMAT_UINT = 0x5001;
+        RTC_FORMAT_UINT2 = 0x5002;
+        /// Three vertex numbers: a triangle.
+        RTC_FORMAT_UINT3 = 0x5003;
+        /// Four vertex numbers: a quad.
+        RTC_FORMAT_UINT4 = 0x5004;
+        RTC_FORMAT_FLOAT = 0x9001;
+        RTC_FORMAT_FLOAT2 = 0x9002;
+        RTC_FORMAT_FLOAT3 = 0x9003;
+        /// Position and radius, for curves and points.
+        RTC_FORMAT_FLOAT4 = 0x9004;
+        RTC_FORMAT_FLOAT3X4_ROW_MAJOR = 0x9134;
+        RTC_FORMAT_FLOAT4X4_ROW_MAJOR = 0x9144;
+        /// Twelve floats, a column after the other.
+        RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR = 0x9234;
+        /// Sixteen floats, a column after the other.
+        RTC_FORMAT_FLOAT4X4_COLUMN_MAJOR = 0x9244;
+        RTC_FORMAT_GRID = 0xA001;
+        RTC_FORMAT_QUATERNION_DECOMPOSITION = 0xB001;
+    }
+}
+
+enumeration! {
+    /// How much time a build may take for faster queries.
+    RTCBuildQuality {
+        RTC_BUILD_QUALITY_LOW = 0;
+        RTC_BUILD_QUALITY_MEDIUM = 1;
+        /// Splits triangles as well: about twice the memory.
+        RTC_BUILD_QUALITY_HIGH = 2;
+        /// Geometry only: keeps the tree's shape.
+        RTC_BUILD_QUALITY_REFIT = 3;
+    }
+}
+
+enumeration! {
+    /// How a scene is built; flags combine by `|`.
+    RTCSceneFlags {
+        RTC_SCENE_FLAG_NONE = 0;
+        RTC_SCENE_FLAG_DYNAMIC = 1 << 0;
+        RTC_SCENE_FLAG_COMPACT = 1 << 1;
+        RTC_SCENE_FLAG_ROBUST = 1 << 2;
+        RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS = 1 << 3;
+    }
+}
+
+enumeration! {
+    /// How a query goes; flags combine by `|`.
+    RTCRayQueryFlags {
+        RTC_RAY_QUERY_FLAG_NONE = 0;
+        /// Calls the filter of the arguments for every geometry, not only for those that enabled it.
+        RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER = 1 << 1;
+        RTC_RAY_QUERY_FLAG_INCOHERENT = 0;
+        RTC_RAY_QUERY_FLAG_COHERENT = 1 << 16;
+    }
+}
+
+enumeration! {
+    /// What a traversal must be able to meet. On a processor this hint is not used: pass "all".
+    RTCFeatureFlags {
+        RTC_FEATURE_FLAG_NONE = 0;
+        RTC_FEATURE_FLAG_ALL = 0xffff_ffff;
+    }
+}
+
+/// An axis-aligned box in world units.
+#[repr(C, align(16))]
+#[derive(Clone, Copy, Debug, Default)]
+#[allow(missing_docs, reason = "corners and padding, as named")]
+pub struct RTCBounds {
+    pub lower_x: f32,
+    pub lower_y: f32,
+    pub lower_z: f32,
+    pub align0: f32,
+    pub upper_x: f32,
+    pub upper_y: f32,
+    pub upper_z: f32,
+    pub align1: f32,
+}
+
+/// Boxes at times 0 and 1; the box at a time in between is their mixture.
+#[repr(C, align(16))]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RTCLinearBounds {
+    /// At time 0.
+    pub bounds0: RTCBounds,
+    /// At time 1.
+    pub bounds1: RTCBounds,
+}
+
+/// A transform taken apart so that rotation interpolates as a quaternion.
+#[repr(C, align(16))]
+#[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the sixteen numbers of the manual, as named")]
+pub struct RTCQuaternionDecomposition {
+    pub scale_x: f32,
+    pub scale_y: f32,
+    pub scale_z: f32,
+    pub skew_xy: f32,
+    pub skew_xz: f32,
+    pub skew_yz: f32,
+    pub shift_x: f32,
+    pub shift_y: f32,
+    pub shift_z: f32,
+    pub quaternion_r: f32,
+    pub quaternion_i: f32,
+    pub quaternion_j: f32,
+    pub quaternion_k: f32,
+    pub translation_x: f32,
+    pub translation_y: f32,
+    pub translation_z: f32,
+}
+
+/// The instances a query is inside of; callers may put it first in a larger struct of theirs.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RTCRayQueryContext {
+    /// The stack of instance ids.
+    pub instID: [c_uint; RTC_MAX_INSTANCE_LEVEL_COUNT],
+    /// The stack of members of instance arrays. New in 4.3.
+    pub instPrimID: [c_uint; RTC_MAX_INSTANCE_LEVEL_COUNT],
+}
+
+impl RTCRayQueryContext {
+    /// Outside every instance: what a query must start with.
+    pub const OUTSIDE: Self = Self {
+        instID: [RTC_INVALID_GEOMETRY_ID; RTC_MAX_INSTANCE_LEVEL_COUNT],
+        instPrimID: [RTC_INVALID_GEOMETRY_ID; RTC_MAX_INSTANCE_LEVEL_COUNT],
+    };
+}
+
+/// What a filter receives: `N` rays and their candidate hits. It refuses lane `i` by `valid[i] = 0`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RTCFilterFunctionNArguments {
+    /// `N` lanes, -1 for a lane to judge.
+    pub valid: *mut c_int,
+    /// What `rtcSetGeometryUserData` set.
+    pub geometryUserPtr: *mut c_void,
+    /// The query's context.
+    pub context: *mut RTCRayQueryContext,
+    /// The rays; `tfar` is the candidate's distance.
+    pub ray: *mut RTCRayN,
+    /// The candidates.
+    pub hit: *mut RTCHitN,
+    /// How many lanes.
+    pub N: c_uint,
+}
+
+/// What a user geometry's closest-hit callback receives.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RTCIntersectFunctionNArguments {
+    /// `N` lanes, -1 for a lane to intersect.
+    pub valid: *mut c_int,
+    /// What `rtcSetGeometryUserData` set.
+    pub geometryUserPtr: *mut c_void,
+    /// The primitive to intersect.
+    pub primID: c_uint,
+    /// The query's context.
+    pub context: *mut RTCRayQueryContext,
+    /// Rays, and the hits to write.
+    pub rayhit: *mut RTCRayHitN,
+    /// How many lanes.
+    pub N: c_uint,
+    /// The geometry's id in its scene.
+    pub geomID: c_uint,
+}
+
+/// What a user geometry's occlusion callback receives. It occludes lane `i` by `tfar[i] = -inf`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RTCOccludedFunctionNArguments {
+    /// `N` lanes, -1 for a lane to test.
+    pub valid: *mut c_int,
+    /// What `rtcSetGeometryUserData` set.
+    pub geometryUserPtr: *mut c_void,
+    /// The primitive to test.
+    pub primID: c_uint,
+    /// The query's context.
+    pub context: *mut RTCRayQueryContext,
+    /// The rays.
+    pub ray: *mut RTCRayN,
+    /// How many lanes.
+    pub N: c_uint,
+    /// The geometry's id in its scene.
+    pub geomID: c_uint,
+}
+
+/// What a user geometry's bounding callback receives.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct RTCBoundsFunctionArguments {
+    /// What `rtcSetGeometryUserData` set.
+    pub geometryUserPtr: *mut c_void,
+    /// The primitive to bound.
+    pub primID: c_uint,
+    /// The time step to bound it at.
+    pub timeStep: c_uint,
+    /// Where the box goes.
+    pub bounds_o: *mut RTCBounds,
+}
+
+/// Judges candidate hits.
+pub type RTCFilterFunctionN = Option<unsafe extern "C" fn(args: *const RTCFilterFunctionNArguments)>;
+/// Intersects a user primitive.
+pub type RTCIntersectFunctionN = Option<unsafe extern "C" fn(args: *const RTCIntersectFunctionNArguments)>;
+/// Tests a user primitive for occlusion.
+pub type RTCOccludedFunctionN = Option<unsafe extern "C" fn(args: *const RTCOccludedFunctionNArguments)>;
+/// Bounds a user primitive.
+pub type RTCBoundsFunction = Option<unsafe extern "C" fn(args: *const RTCBoundsFunctionArguments)>;
+/// Hears of errors as they happen; `message` may be null.
+pub type RTCErrorFunction =
+    Option<unsafe extern "C" fn(user: *mut c_void, code: RTCError, message: *const c_char)>;
+/// Hears of bytes taken (positive) or given back (negative), before (`post` false) or after the fact; an
+/// answer of `false` to a taking that has not happened yet cancels the build.
+pub type RTCMemoryMonitorFunction =
+    Option<unsafe extern "C" fn(user: *mut c_void, bytes: isize, post: bool) -> bool>;
+/// Hears of a build's progress, 0 to 1; `false` cancels it.
+pub type RTCProgressMonitorFunction = Option<unsafe extern "C" fn(user: *mut c_void, fraction: f64) -> bool>;
+
+macro_rules! arguments {
+    ($name:ident, $callback:ident: $callback_type:ty, $what:literal) => {
+        #[doc = concat!("Optional arguments of a ", $what, " query; a null pointer means [`Self::DEFAULT`].")]
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug)]
+        pub struct $name {
+            /// How the query goes.
+            pub flags: RTCRayQueryFlags,
+            /// What the traversal must be able to meet.
+            pub feature_mask: RTCFeatureFlags,
+            /// The query's context, or null for one of Embree's.
+            pub context: *mut RTCRayQueryContext,
+            /// A filter for geometries that enabled it, or for all (see the flags).
+            pub filter: RTCFilterFunctionN,
+            /// A callback for user geometries that have none of their own.
+            pub $callback: $callback_type,
+        }
+
+        impl $name {
+            /// What Embree assumes when it gets a null pointer.
+            pub const DEFAULT: Self = Self {
+                flags: RTC_RAY_QUERY_FLAG_INCOHERENT,
+                feature_mask: RTC_FEATURE_FLAG_ALL,
+                context: core::ptr::null_mut(),
+                filter: None,
+                $callback: None,
+            };
+        }
+    };
+}
+
+arguments!(RTCIntersectArguments, intersect: RTCIntersectFunctionN, "closest-hit");
+arguments!(RTCOccludedArguments, occluded: RTCOccludedFunctionN, "occlusion");
+
+#[cfg(target_pointer_width = "64")]
+const _: () = {
+    assert!(size_of::<RTCRayQueryContext>() == 8, "4.3+ writes instPrimID as well");
+    assert!(size_of::<RTCIntersectArguments>() == 32, "no field for curves' least width");
+    assert!(size_of::<RTCOccludedArguments>() == 32, "no field for curves' least width");
+    assert!(size_of::<RTCBounds>() == 32 && align_of::<RTCBounds>() == 16, "two 16-byte lanes");
+    assert!(size_of::<RTCLinearBounds>() == 64, "two boxes");
+    assert!(size_of::<RTCQuaternionDecomposition>() == 64, "sixteen floats");
+    assert!(size_of::<RTCFilterFunctionNArguments>() == 48, "five pointers, a count, padding");
+    assert!(size_of::<RTCIntersectFunctionNArguments>() == 48, "as the C compiler pads it");
+    assert!(size_of::<RTCOccludedFunctionNArguments>() == 48, "as the C compiler pads it");
+    assert!(size_of::<RTCBoundsFunctionArguments>() == 24, "as the C compiler pads it");
+};
