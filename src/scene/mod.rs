@@ -3,6 +3,7 @@
 
 pub mod description;
 pub mod mesh;
+pub mod pbrt;
 
 pub use description::*;
 pub use mesh::*;
