@@ -36,6 +36,11 @@ impl Image {
         Self { width, height, pixels, origin: (x0, y0), full_size }
     }
 
+    /// A whole frame whose pixels are yet to be put in.
+    pub(in crate::film) fn empty(width: u32, height: u32) -> Self {
+        Self { width, height, pixels: Vec::new(), origin: (0, 0), full_size: (width, height) }
+    }
+
     /// Index of the pixel in column `x` and row `y` of the crop window.
     #[inline(always)]
     #[must_use]

@@ -2,9 +2,9 @@
 //! they become (`write`). Never traces, never asks who rendered the samples.
 
 pub mod buffer;
-pub mod curve;
 pub mod filter;
 pub mod image;
+pub mod read;
 pub mod replace;
 pub mod write;
 

@@ -2,9 +2,9 @@
 //! chosen by extension. Invariant: a file of that name is always whole. Never changes a float on its
 //! way into EXR or PFM, infinities and NaN included.
 
+use crate::color::srgb::linear_to_byte;
 use crate::error::{Error, Result};
 use crate::film::Image;
-use crate::film::curve::srgb8_from_linear;
 use crate::film::replace::{check_replaceable, replace_file};
 use exr::prelude::{
     AttributeValue, Compression, Encoding, IntegerBounds, Layer, LayerAttributes, LineOrder,
@@ -112,7 +112,7 @@ fn write_exr(out: &mut BufWriter<File>, image: &Image, attributes: &[(String, At
 }
 
 fn write_png(out: &mut BufWriter<File>, image: &Image) -> io::Result<()> {
-    let bytes: Vec<u8> = image.pixels.iter().flatten().map(|&c| srgb8_from_linear(c)).collect();
+    let bytes: Vec<u8> = image.pixels.iter().flatten().map(|&c| linear_to_byte(c)).collect();
     image::codecs::png::PngEncoder::new(out)
         .write_image(&bytes, image.width, image.height, image::ExtendedColorType::Rgb8)
         .map_err(|e| match e {

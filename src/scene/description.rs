@@ -453,12 +453,13 @@ pub struct AreaLight {
     pub image: Option<ImageId>,
     /// Both sides emit.
     pub two_sided: bool,
-    /// Total power [W] asked for; the renderer divides it by the area it finds.
+    /// Total power in watts asked for; the renderer divides it by the area it finds.
     pub power: Option<f32>,
 }
 
 /// Lights without a shape.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a scene has few lights without a shape")]
 pub enum Light {
     /// Parallel light: irradiance on a facing surface is `irradiance`.
     Distant {

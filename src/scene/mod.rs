@@ -4,6 +4,7 @@
 pub mod description;
 pub mod mesh;
 pub mod obj;
+pub mod pbrt;
 pub mod ply;
 mod polygon;
 

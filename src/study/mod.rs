@@ -1,1 +1,3 @@
-//! (empty room)
+//! Studies: what one image differs by from another. Never renders by itself.
+
+pub mod diff;

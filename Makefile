@@ -1,0 +1,54 @@
+# Weir's front door: `make demo` shows a picture, `make test` says whether all is well.
+#
+# Invariant: on a machine with Rust, make and a network each target brings what it lacks; once it has run,
+# it needs no network and repeats no work. Everything fetched lies below the target directory and ~/.cargo.
+# Never: touches the system beyond `apt-get install`, nor that without root or passwordless sudo.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+
+# A login shell may not have read what rustup wrote for it.
+export PATH := $(PATH):$(HOME)/.cargo/bin
+
+TARGET := $(or $(CARGO_TARGET_DIR),target)
+WEIR := $(TARGET)/release/weir
+DEMO := scenes/demo/demo.pbrt
+# `prepare` fetched every crate, so cargo need not ask the network, nor may it change the lock file.
+FROZEN := --locked --offline
+
+.PHONY: help demo test build native bench embree prepare
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do \
+	  printf '  make %-8s %s\n' "$$name" "$$text"; done
+	@echo '  CARGO_TARGET_DIR moves target/; EMBREE_DIR names an Embree 4.3 or later of your own.'
+
+demo: build ## build, render the demo scene, and say where the picture is
+	@if [ ! -e $(DEMO) ]; then echo 'make demo: $(DEMO) is not there yet: nothing rendered'; exit 0; fi; \
+	"$(WEIR)" render $(DEMO) -o "$(TARGET)/demo.png" -o "$(TARGET)/demo.exr"; \
+	for image in "$(TARGET)/demo.png" "$(TARGET)/demo.exr"; do \
+	  [ -s "$$image" ] || { echo "make demo: $$image was not written" >&2; exit 1; }; done; \
+	echo "The picture: $$(realpath "$(TARGET)/demo.png") (and demo.exr beside it, in linear light)"
+
+test: prepare ## formatting, lints, documentation, a build without Embree, and every test
+	@tools/test.sh "$(TARGET)" $(FROZEN)
+
+build: prepare ## build target/release/weir, for any processor of this architecture
+	@cargo build --release $(FROZEN)
+
+native: prepare ## build target/native/release/weir, for this machine's processor alone
+	@CARGO_TARGET_DIR="$(TARGET)/native" RUSTFLAGS="$${RUSTFLAGS:-} -C target-cpu=native" \
+	  cargo build --release $(FROZEN)
+	@echo "Built $(TARGET)/native/release/weir: it may not start on another processor."
+
+bench: build ## measure, and compare with what is written down
+	@[ -x tools/bench.sh ] || { echo 'make bench: tools/bench.sh is not there yet' >&2; exit 1; }
+	@tools/bench.sh "$(WEIR)"
+
+embree: ## find Embree 4.3 or later, or install or unpack it
+	@tools/prepare.sh "$(TARGET)" embree
+
+prepare:
+	@tools/prepare.sh "$(TARGET)" all

@@ -1,0 +1,176 @@
+//! The report as text, and how numbers are written for people.
+
+use crate::stats::RenderStats;
+use std::io::{self, Write};
+
+/// Seconds, three digits: `0.312 s`, `12.3 s`, `2 min 03 s`, `1 h 05 min`.
+#[must_use]
+pub fn seconds(seconds: f64) -> String {
+    // At a boundary the rounded value decides, so that no 60 s appears.
+    if seconds < 0.9995 {
+        format!("{seconds:.3} s")
+    } else if seconds < 9.995 {
+        format!("{seconds:.2} s")
+    } else if seconds < 59.95 {
+        format!("{seconds:.1} s")
+    } else {
+        let whole = seconds.round() as u64;
+        match (whole / 3600, whole / 60 % 60, whole % 60) {
+            (0, minutes, s) => format!("{minutes} min {s:02} s"),
+            (hours, minutes, _) => format!("{hours} h {minutes:02} min"),
+        }
+    }
+}
+
+/// Bytes in decimal units, three digits: `999 B`, `1.50 MB`.
+#[must_use]
+pub fn bytes(bytes: u64) -> String {
+    scaled(bytes as f64, &["B", "kB", "MB", "GB", "TB", "PB", "EB"])
+}
+
+/// A count or a rate, three digits: `999`, `4.50 M`.
+#[must_use]
+pub fn count(count: f64) -> String {
+    scaled(count, &["", "k", "M", "G", "T", "P", "E"]).trim_end().to_owned()
+}
+
+fn scaled(value: f64, units: &[&str]) -> String {
+    let (mut value, mut unit) = (value, 0);
+    while value >= 999.5 && unit + 1 < units.len() {
+        value /= 1000.0;
+        unit += 1;
+    }
+    let digits = match value {
+        _ if unit == 0 && value.fract() == 0.0 => 0,
+        v if v < 9.995 => 2,
+        v if v < 99.95 => 1,
+        _ => 0,
+    };
+    format!("{value:.digits$} {}", units[unit])
+}
+
+/// Writes the record of a render for a person to read.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
+    let RenderStats { weir, scene, settings, plan, time, image, rays, memory, threads, busy, interrupted } =
+        stats;
+    let on_off = |on: bool| if on { "on" } else { "off" };
+    let known = |size: Option<u64>| size.map_or("unknown".to_owned(), bytes);
+    writeln!(out, "{scene}, rendered by weir {weir}")?;
+    if *interrupted {
+        writeln!(out, "interrupted before its last sample")?;
+    }
+    writeln!(
+        out,
+        "image     {} × {} pixels, {} of {} samples per pixel, {} samples, {} not finite",
+        image.width,
+        image.height,
+        image.spp,
+        settings.spp,
+        count(image.samples as f64),
+        image.non_finite_samples
+    )?;
+    writeln!(
+        out,
+        "settings  backend {}{}, depth {}, roulette {}, seed {}{}",
+        settings.backend,
+        if settings.robust { " (robust)" } else { "" },
+        settings.max_depth,
+        on_off(settings.roulette),
+        settings.seed,
+        settings.time_limit_s.map(|s| format!(", at most {}", seconds(s))).unwrap_or_default()
+    )?;
+    writeln!(
+        out,
+        "time      {} in all: parse {}, prepare {}, build {}, render {}, write {}",
+        seconds(time.total_s),
+        seconds(time.parse_s),
+        seconds(time.prepare_s),
+        seconds(time.build_s),
+        seconds(time.render_s),
+        seconds(time.write_s)
+    )?;
+    writeln!(
+        out,
+        "          first pixel after {}, threads waited {}",
+        seconds(time.first_pixel_s),
+        seconds(time.stall_s)
+    )?;
+    writeln!(out, "threads   {threads}, busy {:.1} %", busy * 100.0)?;
+    writeln!(
+        out,
+        "speed     {} samples/s, {} rays/s",
+        count(stats.samples_per_second()),
+        count(rays.per_second)
+    )?;
+    writeln!(
+        out,
+        "rays      {} closest hit, {} occlusion",
+        count(rays.closest as f64),
+        count(rays.occluded as f64)
+    )?;
+    writeln!(
+        out,
+        "memory    peak {}, of which accounted {}; budget {}",
+        known(memory.peak_rss),
+        bytes(memory.peak_accounted),
+        memory.budget.map_or("none".to_owned(), bytes)
+    )?;
+    writeln!(
+        out,
+        "plan      geometry {}, textures {}",
+        bytes(plan.bytes.geometry),
+        bytes(plan.bytes.textures)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_for_people() {
+        for (value, text) in [
+            (0.0, "0.000 s"),
+            (0.3124, "0.312 s"),
+            (0.9999, "1.00 s"),
+            (12.34, "12.3 s"),
+            (59.99, "1 min 00 s"),
+            (123.4, "2 min 03 s"),
+            (3900.0, "1 h 05 min"),
+        ] {
+            assert_eq!(seconds(value), text);
+        }
+        for (value, text) in [
+            (0, "0 B"),
+            (999, "999 B"),
+            (1000, "1.00 kB"),
+            (1_500_000, "1.50 MB"),
+            (999_999, "1.00 MB"),
+            (u64::MAX, "18.4 EB"),
+        ] {
+            assert_eq!(bytes(value), text);
+        }
+        for (value, text) in
+            [(0.0, "0"), (12.5, "12.5"), (999.0, "999"), (4.5e6, "4.50 M"), (123_400.0, "123 k")]
+        {
+            assert_eq!(count(value), text);
+        }
+    }
+
+    #[test]
+    fn the_report_names_every_room() {
+        let mut stats = RenderStats { scene: "a.pbrt".to_owned(), busy: 0.985, ..RenderStats::default() };
+        stats.memory.peak_rss = Some(210_000_000);
+        stats.rays.per_second = 12.3e6;
+        let mut out = Vec::new();
+        write_text(&stats, &mut out).expect("memory");
+        let text = String::from_utf8(out).expect("text");
+        for needed in ["a.pbrt", "busy 98.5 %", "peak 210 MB", "12.3 M rays/s", "budget none"] {
+            assert!(text.contains(needed), "{needed} is missing in:\n{text}");
+        }
+        assert!(!text.contains("interrupted"));
+    }
+}

@@ -1,0 +1,247 @@
+//! Shapes: parameters checked, arrays put into meshes. A mesh whose indices or counts do not fit is
+//! an error at the parameter, so nothing later needs to check. Never opens a PLY file.
+
+use super::params::{Params, Type};
+use super::reader::{Item, Reader, index};
+use super::state::MaterialRef;
+use crate::error::{Error, Location, Result};
+use crate::scene::{MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, Shape, ShapeKind, TriangleMesh};
+use std::rc::Rc;
+use std::sync::Arc;
+
+const KINDS: [&str; 8] =
+    ["sphere", "cylinder", "disk", "trianglemesh", "plymesh", "bilinearmesh", "loopsubdiv", "curve"];
+const POINT3: &[Type] = &[Type::Point3];
+/// Triangles that Loop subdivision may make of one mesh.
+const MAX_LOOP_TRIANGLES: u64 = 1 << 28;
+
+/// What a shape refers to by name, until the scene has been read.
+pub(super) struct ShapeRefs {
+    pub(super) material: MaterialRef,
+    pub(super) inside: Rc<str>,
+    pub(super) outside: Rc<str>,
+    /// The list that holds `alpha`, without the arrays.
+    pub(super) alpha: Option<Params>,
+}
+
+impl Reader {
+    pub(super) fn shape(&mut self, item: Item) -> Result<()> {
+        let p = &item.params;
+        let Some(kind) = self.shape_kind(&item)? else { return Ok(()) };
+        let alpha = p.keep("alpha", &[Type::Float, Type::Texture]);
+        p.finish()?;
+        let mut area_light = self.state.area_light;
+        if area_light.is_some() && self.open_object.is_some() {
+            let what =
+                "area lights inside objects are not supported (pbrt-v4 has none either); the shape is dark";
+            self.warnings.add(&p.at, what);
+            area_light = None;
+        }
+        let shape = Shape {
+            kind,
+            object_to_world: *self.state.ctm,
+            reverse_orientation: self.state.reverse_orientation,
+            material: MaterialId(0),
+            area_light,
+            alpha: None,
+            medium: None,
+            at: p.at.clone(),
+        };
+        let refs = ShapeRefs {
+            material: self.state.material.clone(),
+            inside: self.state.inside.clone(),
+            outside: self.state.outside.clone(),
+            alpha,
+        };
+        let (shapes, all) = match self.open_object {
+            Some(id) => (&mut self.scene.objects[id.index()], &mut self.object_refs[id.index()]),
+            None => (&mut self.scene.shapes, &mut self.shape_refs),
+        };
+        shapes.push(shape);
+        all.push(refs);
+        Ok(())
+    }
+
+    /// `None` for a shape that is known and skipped.
+    fn shape_kind(&mut self, item: &Item) -> Result<Option<ShapeKind>> {
+        let p = &item.params;
+        Ok(Some(match &*item.name {
+            "sphere" => {
+                let radius = p.positive("radius", 1.0)?;
+                let (z0, z1) = (p.float("zmin", -radius)?, p.float("zmax", radius)?);
+                ShapeKind::Sphere {
+                    radius,
+                    z_min: z0.min(z1).clamp(-radius, radius),
+                    z_max: z0.max(z1).clamp(-radius, radius),
+                    phi_max_degrees: sweep(p)?,
+                }
+            }
+            "cylinder" => {
+                let (z0, z1) = (p.float("zmin", -1.0)?, p.float("zmax", 1.0)?);
+                ShapeKind::Cylinder {
+                    radius: p.positive("radius", 1.0)?,
+                    z_min: z0.min(z1),
+                    z_max: z0.max(z1),
+                    phi_max_degrees: sweep(p)?,
+                }
+            }
+            "disk" => ShapeKind::Disk {
+                height: p.float("height", 0.0)?,
+                radius: p.positive("radius", 1.0)?,
+                inner_radius: p.float("innerradius", 0.0)?,
+                phi_max_degrees: sweep(p)?,
+            },
+            "trianglemesh" => {
+                let mesh = triangles(p)?;
+                ShapeKind::Mesh(self.mesh(MeshSource::Inline(Arc::new(mesh)))?)
+            }
+            "loopsubdiv" => {
+                p.choice("scheme", &[("loop", ())])?;
+                let levels = p.int_in("levels", 3, 0..=14)?;
+                let positions = positions(p)?;
+                let Some((indices, at)) = p.ints("indices") else {
+                    return Err(Error::at(
+                        &p.at,
+                        "loopsubdiv needs \"integer indices\"; give three a triangle",
+                    ));
+                };
+                let indices = corners::<3>(indices, positions.len(), at)?;
+                let made = (indices.len() as u64) << (2 * levels);
+                if made > MAX_LOOP_TRIANGLES {
+                    let what = format!("{levels} levels make {made} triangles; choose fewer levels");
+                    return Err(p.error("levels", what));
+                }
+                let control = Arc::new(TriangleMesh { positions, indices, ..TriangleMesh::default() });
+                ShapeKind::Mesh(self.mesh(MeshSource::Loop { control, levels })?)
+            }
+            "plymesh" => {
+                let Some((name, at)) = p.string("filename")? else {
+                    return Err(Error::at(&p.at, "plymesh needs \"string filename\"; name a PLY file"));
+                };
+                let path = self.files.require(name, at)?;
+                p.float("displacement.edgelength", 1.0)?;
+                if p.find("displacement", &[Type::Texture]).is_some() {
+                    let what = "displacement is not supported; the surface stays smooth";
+                    self.warnings.add(p.place("displacement"), what);
+                }
+                ShapeKind::Mesh(self.mesh(MeshSource::Ply(path))?)
+            }
+            "bilinearmesh" => {
+                let mesh = patches(p)?;
+                if p.string("emissionfilename")?.is_some() {
+                    let what = "emission is not sampled by its image; uniform sampling stands in (noise, not brightness, differs)";
+                    self.warnings.add(p.place("emissionfilename"), what);
+                }
+                let id = PatchMeshId(index(self.scene.patch_meshes.len())?);
+                self.scene.patch_meshes.push(Arc::new(mesh));
+                ShapeKind::Patches(id)
+            }
+            "curve" => {
+                p.accept(&[
+                    "P",
+                    "degree",
+                    "basis",
+                    "type",
+                    "N",
+                    "width",
+                    "width0",
+                    "width1",
+                    "splitdepth",
+                    "alpha",
+                ]);
+                p.finish()?;
+                self.warnings.add(&p.at, "shape \"curve\" is not supported; it is left out");
+                return Ok(None);
+            }
+            _ => return Err(item.unknown("shape", "shapes", &KINDS)),
+        }))
+    }
+
+    fn mesh(&mut self, source: MeshSource) -> Result<MeshId> {
+        let id = MeshId(index(self.scene.meshes.len())?);
+        self.scene.meshes.push(source);
+        Ok(id)
+    }
+}
+
+fn sweep(p: &Params) -> Result<f32> {
+    Ok(p.float("phimax", 360.0)?.clamp(0.0, 360.0))
+}
+
+fn positions(p: &Params) -> Result<Vec<[f32; 3]>> {
+    match p.tuples::<3>("P", POINT3)? {
+        Some((positions, _)) => Ok(positions),
+        None => Err(Error::at(&p.at, "the shape needs \"point3 P\"; give its vertices")),
+    }
+}
+
+/// Indices by `N`, each below `vertices`.
+fn corners<const N: usize>(indices: &[i32], vertices: usize, at: &Location) -> Result<Vec<[u32; N]>> {
+    let (faces, rest) = indices.as_chunks::<N>();
+    if !rest.is_empty() || faces.is_empty() {
+        let n = indices.len();
+        return Err(Error::at(at, format!("{n} indices; a multiple of {N} is needed")));
+    }
+    // One comparison finds both ends: a negative index is a huge unsigned one.
+    let bound = u32::try_from(vertices).unwrap_or(u32::MAX);
+    if let Some(bad) = indices.iter().find(|&&i| i.cast_unsigned() >= bound) {
+        let last = vertices.saturating_sub(1);
+        return Err(Error::at(at, format!("index {bad} is out of range; \"P\" has 0 to {last}")));
+    }
+    Ok(faces.iter().map(|f| f.map(i32::cast_unsigned)).collect())
+}
+
+/// Values a vertex each; empty when not given.
+fn per_vertex<const N: usize>(
+    p: &Params,
+    name: &'static str,
+    kinds: &'static [Type],
+    vertices: usize,
+) -> Result<Vec<[f32; N]>> {
+    let Some((values, at)) = p.tuples::<N>(name, kinds)? else { return Ok(Vec::new()) };
+    if values.len() != vertices {
+        let n = values.len();
+        return Err(Error::at(
+            &at,
+            format!("\"{name}\" has {n} entries and \"P\" has {vertices}; give as many"),
+        ));
+    }
+    Ok(values)
+}
+
+fn triangles(p: &Params) -> Result<TriangleMesh> {
+    p.accept(&["faceIndices"]);
+    let positions = positions(p)?;
+    let n = positions.len();
+    let indices = match p.ints("indices") {
+        Some((indices, at)) => corners::<3>(indices, n, at)?,
+        None if n == 3 => vec![[0, 1, 2]],
+        None => {
+            return Err(Error::at(&p.at, "trianglemesh needs \"integer indices\"; give three a triangle"));
+        }
+    };
+    Ok(TriangleMesh {
+        normals: per_vertex(p, "N", &[Type::Normal], n)?,
+        uvs: per_vertex(p, "uv", &[Type::Point2], n)?,
+        tangents: per_vertex(p, "S", &[Type::Vector3], n)?,
+        positions,
+        indices,
+    })
+}
+
+fn patches(p: &Params) -> Result<PatchMesh> {
+    p.accept(&["faceIndices"]);
+    let positions = positions(p)?;
+    let n = positions.len();
+    let indices = match p.ints("indices") {
+        Some((indices, at)) => corners::<4>(indices, n, at)?,
+        None if n == 4 => vec![[0, 1, 2, 3]],
+        None => return Err(Error::at(&p.at, "bilinearmesh needs \"integer indices\"; give four a patch")),
+    };
+    Ok(PatchMesh {
+        normals: per_vertex(p, "N", &[Type::Normal], n)?,
+        uvs: per_vertex(p, "uv", &[Type::Point2], n)?,
+        positions,
+        indices,
+    })
+}
