@@ -1,2 +1,19 @@
-//! Arguments in, exit code out.
-fn main() {}
+//! Arguments in, exit code out. 0: done. 1: the command's own verdict is negative. 2: bad usage or bad
+//! input. 3: out of a resource. 130: stopped before there was anything to write. 101: our own bug.
+
+mod cli;
+
+use cli::{Command, diff, info, render, report};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::report_panics_in_one_line();
+    let result = cli::parse(std::env::args_os()).and_then(|command| match command {
+        Command::Render(options) => render::run(&options),
+        Command::Diff(options) => diff::run(&options),
+        Command::Info(options) => info::run(&options),
+        Command::Report(options) => report::run(&options),
+        Command::Help(text) => cli::print(&text),
+    });
+    cli::exit_code(result)
+}

@@ -1,5 +1,6 @@
 //! Images back in, to be compared: any kind that textures may be. Integer files are taken as sRGB,
-//! float files as linear. Never keeps alpha, nor the place of a crop window in its frame.
+//! float files as linear. A crop window comes back in its whole frame, black around it. Never keeps
+//! alpha.
 
 use crate::error::Result;
 use crate::film::Image;

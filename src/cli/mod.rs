@@ -1,0 +1,190 @@
+//! What stands on the command line, and what a person sees. One file a subcommand. Invariant: results
+//! go to stdout, everything else to stderr; an error is one line; a closed pipe is no error and
+//! never a panic. Never renders, compares or parses scenes itself.
+
+pub(crate) mod diff;
+pub(crate) mod info;
+mod interrupt;
+mod progress;
+pub(crate) mod render;
+pub(crate) mod report;
+mod values;
+
+use clap::Parser;
+use clap::error::ErrorKind;
+use std::ffi::OsString;
+use std::io::{self, Write};
+use std::path::Path;
+use std::process::ExitCode;
+use weir::error::{Error, Result};
+
+const EXAMPLES: &str = "\
+Examples:
+  weir scene.pbrt                        render with the scene's own settings
+  weir model.obj -o model.png            a picture of a model
+  weir scene.pbrt --spp 16 --size 640x360 -o quick.exr -o quick.png
+  weir scene.pbrt --time 60s --stats stats.json
+  weir diff new.exr reference.exr        how far two images are apart
+  weir report stats.json                 where time and memory went
+  weir info scene.pbrt                   what is in a scene, mesh or image
+
+`weir SCENE` alone is `weir render SCENE`; `weir render --help` lists its options.
+
+Exit codes: 0 done; 1 the verdict is negative (diff past --fail-above); 2 bad usage or bad input;
+3 out of memory or disk; 130 interrupted before there was anything to write.";
+
+#[derive(Parser)]
+#[command(name = "weir", version, about, after_help = EXAMPLES, arg_required_else_help = false)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Subcommand,
+}
+
+#[derive(clap::Subcommand)]
+enum Subcommand {
+    /// Render a scene (pbrt-v4, OBJ, PLY)
+    Render(render::Options),
+    /// Compare two images: means, relMSE, FLIP, agreement
+    Diff(diff::Options),
+    /// Say what is in a scene, a mesh or an image
+    Info(info::Options),
+    /// Print what --stats wrote as text
+    Report(report::Options),
+}
+
+/// What to do.
+pub(crate) enum Command {
+    Render(render::Options),
+    Diff(diff::Options),
+    Info(info::Options),
+    Report(report::Options),
+    /// `--help` or `--version`: a text that was asked for.
+    Help(String),
+}
+
+/// How a command ended that did what it was told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum End {
+    /// Done.
+    Done,
+    /// The command's own verdict is negative.
+    Negative,
+    /// Stopped before there was anything to write.
+    Interrupted,
+}
+
+/// Reads the command line; its first item is the program.
+pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Command> {
+    let arguments = with_render(arguments.into_iter().collect())?;
+    match Arguments::try_parse_from(arguments) {
+        Ok(Arguments { command }) => Ok(match command {
+            Subcommand::Render(options) => Command::Render(options),
+            Subcommand::Diff(options) => Command::Diff(options),
+            Subcommand::Info(options) => Command::Info(options),
+            Subcommand::Report(options) => Command::Report(options),
+        }),
+        Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
+            Ok(Command::Help(e.render().to_string()))
+        }
+        Err(e) => Err(Error::Usage(one_line(&e.render().to_string()))),
+    }
+}
+
+/// `weir SCENE` is `weir render SCENE`, wherever the options stand.
+fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
+    const COMMANDS: [&str; 5] = ["render", "diff", "info", "report", "help"];
+    let Some(first) = arguments.get(1) else {
+        return Err(Error::Usage(
+            "no scene given; `weir scene.pbrt` renders one; see weir --help".to_owned(),
+        ));
+    };
+    let text = first.to_string_lossy();
+    let about_weir = matches!(&*text, "-h" | "--help" | "-V" | "--version");
+    if about_weir || COMMANDS.contains(&&*text) {
+        return Ok(arguments);
+    }
+    // A bare word that is no file is more likely a command misspelt than a scene misplaced.
+    if !text.starts_with('-') && !text.contains(['.', '/']) && !Path::new(first).exists() {
+        return Err(Error::Usage(format!(
+            "no command and no file is called '{text}'; the commands are render, diff, info and report; see weir --help"
+        )));
+    }
+    arguments.insert(1, "render".into());
+    Ok(arguments)
+}
+
+/// The first paragraph of clap's message and its tip, if it has one, without its usage block.
+fn one_line(message: &str) -> String {
+    let mut parts: Vec<&str> =
+        message.lines().take_while(|line| !line.trim().is_empty()).map(str::trim).collect();
+    parts.extend(message.lines().map(str::trim).find_map(|line| line.strip_prefix("tip: ")));
+    let mut line = String::new();
+    for part in parts {
+        let part = part.strip_prefix("error: ").unwrap_or(part);
+        if !line.is_empty() {
+            line.push_str(if line.ends_with(':') { " " } else { "; " });
+        }
+        line.push_str(part);
+    }
+    line + "; see weir --help"
+}
+
+/// Writes a result to standard output.
+pub(crate) fn print(text: &str) -> Result<End> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Ok(()) => Ok(End::Done),
+        // Whoever read the output has seen enough.
+        Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(End::Done),
+        Err(e) => Err(Error::io("standard output", e)),
+    }
+}
+
+/// Writes a line for the person to standard error. A closed one is no reason to stop.
+pub(crate) fn note(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
+
+/// Says what went wrong, in one line, and turns it into the exit code.
+pub(crate) fn exit_code(result: Result<End>) -> ExitCode {
+    match result {
+        Ok(End::Done) => ExitCode::SUCCESS,
+        Ok(End::Negative) => ExitCode::from(1),
+        Ok(End::Interrupted) => ExitCode::from(130),
+        Err(e) => {
+            // File names may hold anything, and so may messages of other libraries.
+            let line = e.to_string().replace(['\n', '\r'], " ");
+            match e {
+                // The place comes first, where editors look for it.
+                Error::Input { .. } => note(&line),
+                _ => note(&format!("weir: {line}")),
+            }
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+/// A panic is our bug: one line that can be reported, and Rust's own exit code 101.
+pub(crate) fn report_panics_in_one_line() {
+    // Whoever asks for a backtrace gets Rust's own report.
+    if std::env::var_os("RUST_BACKTRACE").is_some_and(|v| v != "0") {
+        return;
+    }
+    std::panic::set_hook(Box::new(|info| {
+        let payload = info.payload();
+        let message = payload
+            .downcast_ref::<&str>()
+            .copied()
+            .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
+            .unwrap_or("no message")
+            .replace(['\n', '\r'], " ");
+        let place = info.location().map(|l| format!(" at {}:{}", l.file(), l.line())).unwrap_or_default();
+        note(&format!(
+            "weir: internal error{place}: {message}; this is a bug in weir, please report it with the scene \
+             (RUST_BACKTRACE=1 says more)"
+        ));
+    }));
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,290 @@
+//! `weir render`: loads, renders, writes images and statistics, and says so.
+
+use crate::cli::progress::Bar;
+use crate::cli::{End, interrupt, note, print, values};
+use clap::{Args, ValueEnum};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+use weir::error::{Error, Result};
+use weir::film::replace::{check_replaceable, replace_with_bytes};
+use weir::film::write::{Format, check_writable, write_image};
+use weir::render::{Control, Outcome, render};
+use weir::report::{attributes, bytes, count, seconds};
+use weir::scene::{self, SceneDescription};
+use weir::settings::{Backend, RenderSettings};
+use weir::stats::RenderStats;
+
+const EXAMPLES: &str = "\
+Examples:
+  weir scene.pbrt                        the scene's own size, samples and file name
+  weir scene.pbrt -o out.exr -o out.png  both from one render
+  weir scene.pbrt --spp 16 --size 640x360
+  weir scene.pbrt --time 60s             as many samples as fit in a minute, up to --spp
+  weir scene.pbrt --crop 100,50,300,200  a window of the image; EXR keeps its place
+  weir model.obj -o model.png            a model: camera and sky are made up for it
+
+Ctrl-C stops the render and writes what is done (exit code 0); a second one quits at once (130).";
+
+/// Options of `weir render`.
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Options {
+    /// Scene: .pbrt, .pbrt.gz, .obj or .ply
+    scene: PathBuf,
+    /// Image to write: .exr (linear float), .png (sRGB) or .pfm; may be repeated
+    #[arg(short, long = "output", value_name = "FILE")]
+    output: Vec<PathBuf>,
+    /// Samples per pixel
+    #[arg(long, value_name = "N", value_parser = values::samples, allow_negative_numbers = true)]
+    spp: Option<u32>,
+    /// Stop after so much rendering time: 60s, 1.5m, 2h
+    #[arg(long, value_name = "TIME", value_parser = values::seconds, allow_hyphen_values = true)]
+    time: Option<f64>,
+    /// Size of the whole image in pixels
+    #[arg(long, value_name = "WxH", value_parser = values::size, allow_hyphen_values = true)]
+    size: Option<(u32, u32)>,
+    /// Window to render, in pixels; x1 and y1 are the first outside
+    #[arg(long, value_name = "x0,y0,x1,y1", value_parser = values::crop, allow_hyphen_values = true)]
+    crop: Option<[u32; 4]>,
+    /// Scattering events of a path; 0 shows lights only
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    max_depth: Option<u32>,
+    /// End unimportant paths early, at random
+    #[arg(long, value_name = "on|off")]
+    roulette: Option<Switch>,
+    /// Seed of the random numbers
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    seed: Option<u64>,
+    /// Worker threads; all processors if not given
+    #[arg(long, value_name = "N", value_parser = values::threads, allow_negative_numbers = true)]
+    threads: Option<usize>,
+    /// What traces rays
+    #[arg(long, value_name = "NAME", default_value = "embree")]
+    backend: BackendName,
+    /// Fewer rays slip between triangles; 15 to 30 % slower
+    #[arg(long)]
+    robust: bool,
+    /// What stands in for something unsupported is an error
+    #[arg(long)]
+    strict: bool,
+    /// Write what the render cost, as JSON
+    #[arg(long, value_name = "FILE.json")]
+    stats: Option<PathBuf>,
+    /// Print nothing but errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BackendName {
+    Embree,
+}
+
+impl Options {
+    /// As the library takes them.
+    pub(super) fn settings(&self) -> RenderSettings {
+        RenderSettings {
+            spp: self.spp,
+            size: self.size,
+            crop: self.crop,
+            max_depth: self.max_depth,
+            roulette: self.roulette.map(|switch| matches!(switch, Switch::On)),
+            seed: self.seed,
+            threads: self.threads,
+            backend: match self.backend {
+                BackendName::Embree => Backend::Embree,
+            },
+            robust: self.robust,
+            time_limit_seconds: self.time,
+            outputs: self.output.clone(),
+            strict: self.strict,
+        }
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(options: &Options) -> Result<End> {
+    let start = Instant::now();
+    // Before the work, so that none is lost to a name that cannot be written.
+    options.output.iter().try_for_each(|path| check_writable(path))?;
+    options.stats.iter().try_for_each(|path| check_replaceable(path))?;
+
+    let bar = Bar::new(!options.quiet, options.time);
+    interrupt::listen(bar.handle());
+    let result = load_and_render(options, &bar);
+    bar.clear();
+    let (parse_s, scene, mut outcome) = result?;
+    let stats = &mut outcome.stats;
+    stats.time.parse_s = parse_s;
+    // The library counts from where the scene is there.
+    stats.time.first_pixel_s += parse_s;
+    stats.time.total_s = start.elapsed().as_secs_f64();
+    if outcome.stats.image.samples == 0 {
+        return nothing_to_write();
+    }
+
+    let outputs = outputs(options, &scene);
+    let write_start = Instant::now();
+    let attributes = attributes(&outcome.stats);
+    outputs.iter().try_for_each(|path| write_image(path, &outcome.image, &attributes))?;
+    let stats = &mut outcome.stats;
+    stats.time.write_s = write_start.elapsed().as_secs_f64();
+    stats.time.total_s = start.elapsed().as_secs_f64();
+    stats.note_peak_memory();
+    if let Some(path) = &options.stats {
+        let mut json = serde_json::to_string_pretty(stats).expect("a record of plain data");
+        json.push('\n');
+        replace_with_bytes(path, json.as_bytes())?;
+    }
+    if options.quiet {
+        return Ok(End::Done);
+    }
+    note_what_is_odd(&outcome);
+    print(&summary(&outcome.stats, &outputs, options.stats.as_deref()))
+}
+
+fn load_and_render(options: &Options, bar: &Bar) -> Result<(f64, SceneDescription, Outcome)> {
+    let start = Instant::now();
+    bar.update(weir::render::Progress::Phase("reading the scene"));
+    let scene = scene::load(&options.scene)?;
+    let parse_s = start.elapsed().as_secs_f64();
+    if let (true, Some(first)) = (options.strict, scene.warnings.first()) {
+        return Err(Error::at(&first.at, first.message.clone()));
+    }
+    if !options.quiet {
+        bar.handle().suspend(|| note_warnings(&scene));
+    }
+    if options.output.is_empty() {
+        check_writable(&default_output(&scene))?;
+    }
+    interrupt::rendering();
+    let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress) };
+    let outcome = render(&scene, &options.settings(), &control)?;
+    interrupt::writing();
+    Ok((parse_s, scene, outcome))
+}
+
+/// One line each.
+pub(super) fn note_warnings(scene: &SceneDescription) {
+    for warning in &scene.warnings {
+        note(&format!("{}: warning: {}", warning.at, warning.message).replace(['\n', '\r'], " "));
+    }
+}
+
+/// A black image would replace what may be a good one.
+fn nothing_to_write() -> Result<End> {
+    if interrupt::CANCEL.load(Ordering::Relaxed) {
+        note("interrupted before the first sample: nothing is written");
+        return Ok(End::Interrupted);
+    }
+    Err(Error::Usage("--time was over before the first sample: nothing is written; give it more".to_owned()))
+}
+
+fn note_what_is_odd(outcome: &Outcome) {
+    let stats = &outcome.stats;
+    let pixels = u64::from(stats.image.width) * u64::from(stats.image.height);
+    let per_pixel = stats.image.samples as f64 / pixels.max(1) as f64;
+    let asked = stats.settings.spp;
+    if outcome.interrupted && interrupt::CANCEL.load(Ordering::Relaxed) {
+        note(&format!("interrupted: the image has {per_pixel:.1} of {asked} samples per pixel"));
+    } else if outcome.interrupted {
+        note(&format!("stopped by --time: the image has {per_pixel:.1} of {asked} samples per pixel"));
+    }
+    let (samples, pixels) = (stats.image.non_finite_samples, outcome.image.non_finite_pixels());
+    if samples > 0 || pixels > 0 {
+        note(&format!("warning: {samples} samples and {pixels} pixels are infinite or not a number"));
+    }
+}
+
+fn outputs(options: &Options, scene: &SceneDescription) -> Vec<PathBuf> {
+    if options.output.is_empty() { vec![default_output(scene)] } else { options.output.clone() }
+}
+
+/// The scene's own name for its image, in the current directory whatever directory the scene wants:
+/// a file from elsewhere does not say where to write. `.exr` where the kind cannot be written.
+fn default_output(scene: &SceneDescription) -> PathBuf {
+    let name = scene.film.filename.as_deref().and_then(Path::file_name).map(PathBuf::from);
+    match name {
+        Some(name) if Format::of(&name).is_ok() => name,
+        Some(name) => name.with_extension("exr"),
+        None => {
+            let stem = |path: &Path| PathBuf::from(path.file_stem().unwrap_or("weir".as_ref()));
+            let is_gzip = scene.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+            let name = if is_gzip { stem(&stem(&scene.path)) } else { stem(&scene.path) };
+            // Not `with_extension`: the stem of `a.b.pbrt` is `a.b`.
+            let mut name = name.into_os_string();
+            name.push(".exr");
+            PathBuf::from(name)
+        }
+    }
+}
+
+fn summary(stats: &RenderStats, outputs: &[PathBuf], stats_file: Option<&Path>) -> String {
+    let mut text = String::new();
+    let image = &stats.image;
+    for path in outputs {
+        let _ = writeln!(
+            text,
+            "wrote {}: {}x{}, {} samples per pixel",
+            path.display(),
+            image.width,
+            image.height,
+            image.spp
+        );
+    }
+    if let Some(path) = stats_file {
+        let _ = writeln!(text, "wrote {}", path.display());
+    }
+    let _ = writeln!(
+        text,
+        "{} in all, {} rendering, {} samples/s, {} peak memory",
+        seconds(stats.time.total_s),
+        seconds(stats.time.render_s),
+        count(stats.samples_per_second()),
+        stats.memory.peak_rss.map_or("unknown".to_owned(), bytes)
+    );
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_output_is_in_the_current_directory() {
+        let name = |path: &str, filename: Option<&str>| {
+            let mut scene = SceneDescription { path: path.into(), ..SceneDescription::default() };
+            scene.film.filename = filename.map(PathBuf::from);
+            default_output(&scene).to_string_lossy().into_owned()
+        };
+        assert_eq!(name("scenes/a.pbrt", None), "a.exr");
+        assert_eq!(name("scenes/a.b.pbrt.gz", None), "a.b.exr");
+        assert_eq!(name("model.v2.obj", None), "model.v2.exr");
+        assert_eq!(name("a.pbrt", Some("out.png")), "out.png");
+        assert_eq!(name("a.pbrt", Some("/etc/../deep/out.exr")), "out.exr");
+        assert_eq!(name("a.pbrt", Some("out.tga")), "out.exr");
+        assert_eq!(name("a.pbrt", Some("..")), "a.exr");
+    }
+
+    #[test]
+    fn the_summary_has_a_line_a_file_and_one_more() {
+        let mut stats = RenderStats::default();
+        stats.image.samples = 1_000_000;
+        stats.time.render_s = 0.5;
+        stats.time.total_s = 1.25;
+        stats.memory.peak_rss = Some(21_000_000);
+        let text = summary(&stats, &["a.exr".into(), "b.png".into()], Some(Path::new("s.json")));
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 4);
+        assert!(lines[0].starts_with("wrote a.exr") && lines[2] == "wrote s.json");
+        assert_eq!(lines[3], "1.25 s in all, 0.500 s rendering, 2.00 M samples/s, 21.0 MB peak memory");
+    }
+}

@@ -1,0 +1,72 @@
+//! Values of options: sizes, times, windows. Each error says what would be right; clap puts the
+//! option's name before it.
+
+use std::ops::RangeInclusive;
+
+/// Most pixels of a film: 2²⁸, whose sums take 4 GiB.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// `1280x720`.
+pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
+    let (width, height) = text
+        .split_once(['x', 'X', '×'])
+        .and_then(|(w, h)| Some((w.trim().parse::<u32>().ok()?, h.trim().parse::<u32>().ok()?)))
+        .filter(|&(w, h)| w > 0 && h > 0)
+        .ok_or("width and height in pixels are needed, as in 1280x720")?;
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(format!("at most {MAX_PIXELS} pixels are possible"));
+    }
+    Ok((width, height))
+}
+
+/// `x0,y0,x1,y1`.
+pub(super) fn crop(text: &str) -> Result<[u32; 4], String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
+        Some([_, _, _, _]) => Err("x1 must be above x0, and y1 above y0".to_owned()),
+        _ => Err("four whole numbers of pixels are needed, as in 100,50,300,200".to_owned()),
+    }
+}
+
+/// Seconds from `60s`, `90`, `1.5m`, `2h`, `500ms`.
+pub(super) fn seconds(text: &str) -> Result<f64, String> {
+    let split = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let factor = match unit.trim() {
+        "" | "s" => 1.0,
+        "ms" => 1e-3,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err("a time ends in s, m, h or ms, as in 60s".to_owned()),
+    };
+    match number.parse::<f64>() {
+        Ok(n) if n > 0.0 && n.is_finite() => Ok(n * factor),
+        _ => Err("a time above zero is needed, as in 60s or 1.5m".to_owned()),
+    }
+}
+
+/// Samples per pixel.
+pub(super) fn samples(text: &str) -> Result<u32, String> {
+    whole(text, 1..=1 << 24)
+}
+
+/// Worker threads.
+pub(super) fn threads(text: &str) -> Result<usize, String> {
+    whole(text, 1..=4096).map(|n| n as usize)
+}
+
+fn whole(text: &str, range: RangeInclusive<u32>) -> Result<u32, String> {
+    text.parse()
+        .ok()
+        .filter(|n| range.contains(n))
+        .ok_or_else(|| format!("a whole number from {} to {} is needed", range.start(), range.end()))
+}
+
+/// A limit that an error may have: zero or above.
+pub(super) fn limit(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x >= 0.0 => Ok(x),
+        _ => Err("a number of at least 0 is needed, as in 0.01".to_owned()),
+    }
+}
