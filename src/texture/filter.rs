@@ -56,7 +56,8 @@ impl View<'_> {
         if self.levels.len() == 1 && sampler.filter != TextureFilter::Ewa {
             return match sampler.filter {
                 TextureFilter::Point => self.point::<T>(0, st, sampler.wrap),
-                _ => self.bilinear::<T>(0, st, sampler.wrap),
+                _ if sampler.channels == Channels::Alpha => self.bilinear::<T>(0, st, sampler.wrap),
+                _ => self.bilinear_of::<T>(0, st, sampler.wrap, T::decode_rgb),
             };
         }
         self.filtered::<T>(st, footprint, sampler)
@@ -103,44 +104,55 @@ impl View<'_> {
     fn point<T: Texel>(&self, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
         let l = &self.levels[level];
         let st = into_range(st, wrap) * Vec2::new(l.width as f32, l.height as f32);
-        self.wrapped_texel::<T>(level, st.x.floor() as i32, st.y.floor() as i32, wrap)
+        self.wrapped_texel::<T>(level, floor(st.x), floor(st.y), wrap)
     }
 
     #[inline(always)]
     fn bilinear<T: Texel>(&self, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
+        self.bilinear_of::<T>(level, st, wrap, T::decode)
+    }
+
+    #[inline(always)]
+    fn bilinear_of<T: Texel>(
+        &self,
+        level: usize,
+        st: Vec2,
+        wrap: Wrap,
+        decode: impl Fn(T, &[f32; 256]) -> Vec4,
+    ) -> Vec4 {
         let l = &self.levels[level];
         let p = into_range(st, wrap) * Vec2::new(l.width as f32, l.height as f32) - 0.5;
-        let f = p.floor();
-        let t = p - f;
-        // Saturating and NaN to 0, so that any uv is safe.
-        let (x, y) = (f.x as i32, f.y as i32);
+        let (x, y) = (floor(p.x), floor(p.y));
+        let t = p - Vec2::new(x as f32, y as f32);
         let (w, h) = (l.width as i32, l.height as i32);
-        let [v00, v10, v01, v11] = match wrap {
-            Wrap::Repeat | Wrap::Clamp => {
-                // After `into_range`, only the first and the last texel's halves are outside.
-                let (x0, x1, y0, y1) = if wrap == Wrap::Repeat {
-                    (
-                        if x < 0 { w - 1 } else { x.min(w - 1) },
-                        if x >= w - 1 { 0 } else { x + 1 },
-                        if y < 0 { h - 1 } else { y.min(h - 1) },
-                        if y >= h - 1 { 0 } else { y + 1 },
-                    )
-                } else {
-                    (x.max(0), (x + 1).min(w - 1), y.max(0), (y + 1).min(h - 1))
-                };
-                let (x0, x1, y0, y1) = (x0 as u32, x1 as u32, y0 as u32, y1 as u32);
-                let texels = l.texels::<T>(self.memory);
-                [(x0, y0), (x1, y0), (x0, y1), (x1, y1)]
-                    .map(|(x, y)| texels[l.index::<T>(x, y)].decode(self.table))
-            }
-            _ => {
-                let (x1, y1) = (x.saturating_add(1), y.saturating_add(1));
-                [(x, y), (x1, y), (x, y1), (x1, y1)].map(|(x, y)| self.wrapped_texel::<T>(level, x, y, wrap))
-            }
+        // After `into_range`, only the first and the last texel's halves are outside.
+        let (x0, x1, y0, y1) = match wrap {
+            Wrap::Repeat => (
+                if x < 0 { w - 1 } else { x.min(w - 1) },
+                if x >= w - 1 { 0 } else { x + 1 },
+                if y < 0 { h - 1 } else { y.min(h - 1) },
+                if y >= h - 1 { 0 } else { y + 1 },
+            ),
+            Wrap::Clamp => (x.max(0), (x + 1).min(w - 1), y.max(0), (y + 1).min(h - 1)),
+            _ => return self.bilinear_rare::<T>(level, x, y, t, wrap),
         };
+        let texels = l.texels::<T>(self.memory);
+        // Written out: as a map over an array this becomes calls.
+        let (c0, c1) = (l.column::<T>(x0 as u32), l.column::<T>(x1 as u32));
+        let (r0, r1) = (l.row::<T>(y0 as u32), l.row::<T>(y1 as u32));
+        let v00 = decode(texels[r0 + c0], self.table);
+        let v10 = decode(texels[r0 + c1], self.table);
+        let v01 = decode(texels[r1 + c0], self.table);
+        let v11 = decode(texels[r1 + c1], self.table);
         let top = v00 + (v10 - v00) * t.x;
         let bottom = v01 + (v11 - v01) * t.x;
-        if t.is_nan() { v00 } else { top + (bottom - top) * t.y }
+        top + (bottom - top) * t.y
+    }
+
+    #[inline(never)]
+    fn bilinear_rare<T: Texel>(&self, level: usize, x: i32, y: i32, t: Vec2, wrap: Wrap) -> Vec4 {
+        let at = |x, y| self.wrapped_texel::<T>(level, x, y, wrap);
+        at(x, y).lerp(at(x + 1, y), t.x).lerp(at(x, y + 1).lerp(at(x + 1, y + 1), t.x), t.y)
     }
 
     fn ewa<T: Texel>(&self, st: Vec2, a: Vec2, b: Vec2, finest: f32, wrap: Wrap) -> Vec4 {
@@ -174,9 +186,6 @@ impl View<'_> {
         };
         let size = Vec2::new(l.width as f32, l.height as f32);
         let p = into_range(st, wrap) * size - 0.5;
-        if !p.is_finite() {
-            return self.wrapped_texel::<T>(level, 0, 0, Wrap::Clamp);
-        }
         let (long, short) = (long * size, short * size);
         // The ellipse A s² + B s t + C t² < 1, at least a texel wide (the + 1).
         let mut c = (
@@ -208,15 +217,32 @@ impl View<'_> {
     }
 }
 
-/// Brings coordinates near the image where that changes nothing: exact for large uv and it makes
-/// the texel arithmetic free of division.
+/// The floor of a number near an image; saturates, and NaN gives 0. Conversions in place of the
+/// library's floor, which is a call on processors without SSE4.1.
+#[inline(always)]
+fn floor(x: f32) -> i32 {
+    let i = x as i32;
+    i - i32::from(x < i as f32)
+}
+
+/// The fraction in 0..=1; 0 for NaN, and an end of that range where a number has no fraction left.
+#[inline(always)]
+fn fraction(x: f32) -> f32 {
+    let f = x - (x as i32) as f32;
+    (if f < 0.0 { f + 1.0 } else { f }).max(0.0).min(1.0)
+}
+
+/// Brings coordinates near the image, and NaN to 0, where that changes nothing: exact for large uv
+/// and it makes the texel arithmetic free of division.
 #[inline(always)]
 fn into_range(st: Vec2, wrap: Wrap) -> Vec2 {
-    match wrap {
-        Wrap::Repeat => st - st.floor(),
-        Wrap::Clamp => st.clamp(Vec2::ZERO, Vec2::ONE),
-        Wrap::Black | Wrap::OctahedralSphere => st.clamp(Vec2::splat(-4.0), Vec2::splat(4.0)),
-    }
+    let (lo, hi) = match wrap {
+        Wrap::Repeat => return Vec2::new(fraction(st.x), fraction(st.y)),
+        Wrap::Clamp => (0.0, 1.0),
+        Wrap::Black | Wrap::OctahedralSphere => (-4.0, 4.0),
+    };
+    // `f32::max` and `min` prefer the number to the NaN.
+    Vec2::new(st.x.max(lo).min(hi), st.y.max(lo).min(hi))
 }
 
 fn wrap_texel(x: i32, y: i32, width: u32, height: u32, wrap: Wrap) -> Option<(u32, u32)> {

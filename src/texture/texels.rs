@@ -14,8 +14,13 @@ const HUGE_PAGE_BYTES: usize = 2 << 20;
 pub(super) trait Texel: bytemuck::Pod + Send + Sync {
     /// log₂ of a block's side.
     const BLOCK_LOG2: u32;
-    /// Linear red, green, blue, and alpha; a grey texel repeats itself and is opaque.
+    /// Linear red, green, blue, and alpha (a grey texel repeats itself and is opaque).
     fn decode(self, table: &[f32; 256]) -> Vec4;
+    /// The same, where alpha may be anything.
+    #[inline(always)]
+    fn decode_rgb(self, table: &[f32; 256]) -> Vec4 {
+        self.decode(table)
+    }
 }
 
 /// 8-bit RGBA: a block of 4×4 is a cache line.
@@ -37,6 +42,11 @@ impl Texel for Rgba8 {
     fn decode(self, table: &[f32; 256]) -> Vec4 {
         let [r, g, b, a] = self.map(usize::from);
         Vec4::new(table[r], table[g], table[b], a as f32 * (1.0 / 255.0))
+    }
+    #[inline(always)]
+    fn decode_rgb(self, table: &[f32; 256]) -> Vec4 {
+        let [r, g, b, _] = self.map(usize::from);
+        Vec4::new(table[r], table[g], table[b], 0.0)
     }
 }
 
@@ -112,9 +122,21 @@ impl Level {
     /// Where texel (x, y) stands, x and y inside the level.
     #[inline(always)]
     pub(super) fn index<T: Texel>(&self, x: u32, y: u32) -> usize {
+        self.row::<T>(y) + self.column::<T>(x)
+    }
+
+    /// The part of [`Level::index`] that x gives.
+    #[inline(always)]
+    pub(super) fn column<T: Texel>(&self, x: u32) -> usize {
         let (l, mask) = (T::BLOCK_LOG2, (1 << T::BLOCK_LOG2) - 1);
-        (y >> l) as usize * self.row_texels
-            + (((x >> l) << (2 * l)) | ((y & mask) << l) | (x & mask)) as usize
+        (((x & !mask) << l) | (x & mask)) as usize
+    }
+
+    /// The part of [`Level::index`] that y gives.
+    #[inline(always)]
+    pub(super) fn row<T: Texel>(&self, y: u32) -> usize {
+        let (l, mask) = (T::BLOCK_LOG2, (1 << T::BLOCK_LOG2) - 1);
+        (y >> l) as usize * self.row_texels + ((y & mask) << l) as usize
     }
 
     /// Fills the level with the rows that `f(y, row)` appends to an empty `row`; rows of blocks in parallel.
