@@ -6,6 +6,7 @@
 
 use core::ffi::{c_char, c_int, c_uint, c_void};
 
+use crate::constants::*;
 use crate::ray::*;
 use crate::types::*;
 

@@ -13,10 +13,12 @@
     reason = "Embree's own names: a reader looks them up in its manual"
 )]
 
+mod constants;
 mod functions;
 mod ray;
 mod types;
 
+pub use constants::*;
 pub use functions::*;
 pub use ray::*;
 pub use types::*;

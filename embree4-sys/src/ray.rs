@@ -6,7 +6,7 @@
 
 use core::ffi::c_uint;
 
-use crate::{RTC_INVALID_GEOMETRY_ID, RTC_MAX_INSTANCE_LEVEL_COUNT};
+use crate::constants::{RTC_INVALID_GEOMETRY_ID, RTC_MAX_INSTANCE_LEVEL_COUNT};
 
 /// A ray: origin and direction in world units; a hit lies at `org + t * dir` with `tnear <= t <= tfar`.
 ///
