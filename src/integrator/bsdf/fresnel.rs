@@ -44,7 +44,8 @@ pub fn conductor(cos_i: f32, eta: Rgb, k: Rgb) -> Rgb {
     let (s, p) = (modulus2 + Vec3A::splat(cos2), cos2 * modulus2 + Vec3A::splat(sin2 * sin2));
     let perpendicular = (s - cross) / (s + cross);
     let ratio = (p - cross * sin2) / (p + cross * sin2);
-    (0.5 * perpendicular * (Vec3A::ONE + ratio)).into()
+    // max: where a metal reflects nothing, rounding may leave −1e-8.
+    (0.5 * perpendicular * (Vec3A::ONE + ratio)).max(Vec3A::ZERO).into()
 }
 
 #[inline(always)]
