@@ -4,7 +4,7 @@
 use super::diffuse::unit;
 use super::{BsdfSample, Ggx, ZERO, fresnel, mirror, same_side};
 use crate::color::Rgb;
-use crate::math::{Vec2, Vec3, sqr};
+use crate::math::{Vec2, Vec3};
 
 /// A metal's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,15 +85,15 @@ pub(super) fn reflection(ggx: &Ggx, wo: Vec3, wi: Vec3) -> Option<(f32, f32, f32
 #[inline(always)]
 pub(super) fn sample_reflection(ggx: &Ggx, wo: Vec3, u: Vec2) -> Option<(Vec3, f32, f32, f32)> {
     let up = if wo.z < 0.0 { -wo } else { wo };
-    let m = ggx.sample_visible(up, u)?;
+    let so = ggx.stretch(up);
+    let m = ggx.sample_visible_from(up, so, u)?;
     let cos_d = up.dot(m);
     let wi = m * (2.0 * cos_d) - up;
     if !(wi.z > 0.0 && cos_d > 0.0) {
         return None;
     }
-    let (so, si) = (ggx.stretch(up), ggx.stretch(wi));
+    let si = ggx.stretch(wi);
     let masked = wi.z * (up.z + so) / (so * wi.z + si * up.z);
     let pdf = 0.5 * ggx.d(m) / (up.z + so);
-    debug_assert!((m.length_squared() - 1.0).abs() < 1e-5 && sqr(masked) >= 0.0);
     Some((if wo.z < 0.0 { -wi } else { wi }, cos_d, masked, pdf))
 }

@@ -60,7 +60,9 @@ impl Dielectric {
         if !(om > 0.0 && im < 0.0) {
             return ZERO;
         }
-        let f = fresnel::dielectric(om, eta).0;
+        // Both sides give one F; by the thinner medium's cosine it is well conditioned, where the
+        // denser one's loses all digits near the critical angle.
+        let f = if eta > 1.0 { fresnel::dielectric(om, eta).0 } else { fresnel::dielectric(-im, inv_eta).0 };
         let (zo, zi) = (wo.z.abs(), wi.z.abs());
         let (so, si) = (self.ggx.stretch(wo), self.ggx.stretch(wi));
         let common = (1.0 - f) * 2.0 * self.ggx.d(m) * om * -im / sqr(im + om * inv_eta);
@@ -95,7 +97,8 @@ impl Dielectric {
             });
         }
         let up = if wo.z < 0.0 { -wo } else { wo };
-        let m = self.ggx.sample_visible(up, u)?;
+        let so = self.ggx.stretch(up);
+        let m = self.ggx.sample_visible_from(up, so, u)?;
         let om = up.dot(m);
         if om <= 0.0 {
             return None;
@@ -107,7 +110,7 @@ impl Dielectric {
         if wi.z == 0.0 || transmission != (wi.z < 0.0) || (transmission && f >= 1.0) {
             return None;
         }
-        let (zi, so, si) = (wi.z.abs(), self.ggx.stretch(up), self.ggx.stretch(wi));
+        let (zi, si) = (wi.z.abs(), self.ggx.stretch(wi));
         let masked = zi * (up.z + so) / (so * zi + si * up.z);
         let d = self.ggx.d(m) / (up.z + so);
         let wi_out = if wo.z < 0.0 { -wi } else { wi };

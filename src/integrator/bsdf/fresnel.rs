@@ -38,16 +38,12 @@ pub fn conductor(cos_i: f32, eta: Rgb, k: Rgb) -> Rgb {
     let sin2 = 1.0 - cos2;
     let (eta2, k2) = (eta * eta, k * k);
     let difference = eta2 - k2 - Vec3A::splat(sin2);
-    let modulus2 = sqrt(difference * difference + 4.0 * eta2 * k2);
-    let a = sqrt((0.5 * (modulus2 + difference)).max(Vec3A::ZERO));
+    let modulus2 = (difference * difference + 4.0 * eta2 * k2).sqrt();
+    let a = (0.5 * (modulus2 + difference)).max(Vec3A::ZERO).sqrt();
     let cross = 2.0 * cos_i * a;
     let (s, p) = (modulus2 + Vec3A::splat(cos2), cos2 * modulus2 + Vec3A::splat(sin2 * sin2));
-    let perpendicular = (s - cross) / (s + cross);
-    let ratio = (p - cross * sin2) / (p + cross * sin2);
-    (0.5 * perpendicular * (Vec3A::ONE + ratio)).into()
-}
-
-#[inline(always)]
-fn sqrt(v: Vec3A) -> Vec3A {
-    v.map(f32::sqrt)
+    // ½·Rs·(1 + Rp/Rs) with Rs = (s−c)/(s+c) and Rp/Rs = (p−c·sin²)/(p+c·sin²), one division.
+    let reflected = (s - cross) * p / ((s + cross) * (p + cross * sin2));
+    // max: where a metal reflects nothing, rounding may leave −1e-8.
+    reflected.max(Vec3A::ZERO).into()
 }

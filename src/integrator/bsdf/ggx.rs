@@ -6,6 +6,7 @@
 //! G1(w) = 2|z| / (|z| + s) and, height-correlated, G2(o, i) = 2|zo||zi| / (so|zi| + si|zo|),
 //! so the cosines in the microfacet denominators cancel (pbrt 4th ed., §9.6; Heitz 2014).
 
+use crate::math::warp::sin_cos_turns;
 use crate::math::{INV_PI, Vec2, Vec3, safe_sqrt, sqr};
 
 /// A distribution of microfacet normals by its two widths.
@@ -74,8 +75,13 @@ impl Ggx {
     #[inline(always)]
     #[must_use]
     pub fn sample_visible(&self, wo: Vec3, u: Vec2) -> Option<Vec3> {
-        let w = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z);
-        let w = w * (1.0 / w.length());
+        self.sample_visible_from(wo, self.stretch(wo), u)
+    }
+
+    /// The same, given s(wo).
+    #[inline(always)]
+    pub(super) fn sample_visible_from(&self, wo: Vec3, stretch: f32, u: Vec2) -> Option<Vec3> {
+        let w = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z) * (1.0 / stretch);
         // The cap's z plus w.z, before their cancellation.
         let hz = (1.0 - u.y) * (1.0 + w.z);
         let r = safe_sqrt(1.0 - sqr(hz - w.z));
@@ -85,20 +91,4 @@ impl Ggx {
         // Also false for NaN. The bound only keeps 1/l² in range.
         (l2 > 1e-30).then(|| m * (1.0 / l2.sqrt()))
     }
-}
-
-/// Sine and cosine of 2πu for u in [0, 1]; absolute error below 3e-7. Inlined and branch-free: the library's
-/// call would be a third of a microfacet sample's time.
-#[inline(always)]
-pub(super) fn sin_cos_turns(u: f32) -> (f32, f32) {
-    let quadrant = (u * 4.0 + 0.5) as i32;
-    let x = (u - quadrant as f32 * 0.25) * std::f32::consts::TAU;
-    let x2 = x * x;
-    // Taylor on |x| ≤ π/4, where the first terms left out are 3e-7 and 2.5e-8 times x² and 1.
-    let s = x * (1.0 + x2 * (-1.0 / 6.0 + x2 * (1.0 / 120.0 + x2 * (-1.0 / 5040.0))));
-    let c = 1.0 + x2 * (-0.5 + x2 * (1.0 / 24.0 + x2 * (-1.0 / 720.0 + x2 * (1.0 / 40320.0))));
-    let (s, c) = if quadrant & 1 == 0 { (s, c) } else { (c, s) };
-    let s = if quadrant & 2 == 0 { s } else { -s };
-    let c = if (quadrant + 1) & 2 == 0 { c } else { -c };
-    (s, c)
 }

@@ -28,8 +28,7 @@ fn lambda(w: DVec3, alpha: f64) -> f64 {
     0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
 }
 
-/// Fresnel by sines and tangents' cousins: r_s = −sin(i−t)/sin(i+t) is avoided for its pole at
-/// 0, so the textbook amplitude ratios; (reflectance, cosθt).
+/// Fresnel by the textbook's amplitude ratios: (reflectance, cosθt).
 fn fresnel_f64(cos_i: f64, eta: f64) -> (f64, f64) {
     let sin_t = (1.0 - cos_i * cos_i).max(0.0).sqrt() / eta;
     if sin_t >= 1.0 {
@@ -96,11 +95,11 @@ fn photon(wo: DVec3, layer: &Layer, rng: &mut Rng) -> Option<(f64, f64, u32)> {
     None
 }
 
-/// 1,200 z-tests with a false-alarm rate of 1e-3 together (Šidák: |z| < 4.9), plus what the
-/// table may err, 1e-3 of the bin's light for the brightest base.
+/// 1,200 z-tests with a false-alarm rate of 1e-3 together (Šidák: |z| < 4.93), plus what the
+/// table may err, 1e-3 of the bin's light.
 #[test]
 fn closed_form_is_the_expectation_of_the_walk() {
-    let mut worst = 0f64;
+    let (mut worst, mut seed) = (0f64, 0);
     for (eta, thickness, max_depth) in [(1.5f32, 0.01f32, 10u32), (1.33, 0.3, 3)] {
         for alpha in [0.0f32, 0.001, 0.05, 0.1, 0.3] {
             let table = CoatedTable::new(eta, alpha, alpha, thickness, max_depth);
@@ -113,7 +112,8 @@ fn closed_form_is_the_expectation_of_the_walk() {
             };
             for cos in [1.0f32, 0.6, 0.2, 0.03] {
                 let wo = direction(cos, 0.0);
-                let mut rng = Rng(u64::from(cos.to_bits() ^ alpha.to_bits()));
+                seed += 1;
+                let mut rng = Rng(seed);
                 let mut sums = [[[0f64; 2]; BINS]; ALBEDOS.len()];
                 for _ in 0..PATHS {
                     let Some((cos, weight, touches)) = photon(wo.as_dvec3().normalize(), &layer, &mut rng)
@@ -153,11 +153,11 @@ fn closed_form_is_the_expectation_of_the_walk() {
                         let n = PATHS as f64;
                         let mean = sum / n;
                         let sigma = ((square / n - mean * mean).max(0.0) / n).sqrt();
-                        let allowed = 1e-3 * expected / 0.9;
+                        let allowed = 1e-3 * expected;
                         let z = ((mean - expected).abs() - allowed).max(0.0) / sigma;
                         worst = worst.max(z);
                         assert!(
-                            z < 4.9,
+                            z < 4.93,
                             "eta {eta} alpha {alpha} cos {cos} albedo {albedo} bin {bin}: walk {mean} ± {sigma}, closed form {expected}"
                         );
                     }
