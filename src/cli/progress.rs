@@ -93,7 +93,11 @@ fn line(at: At, time_limit_seconds: Option<f64>) -> String {
     let filled = (fraction * BAR_WIDTH as f64) as usize;
     let rate = if at.elapsed > 0.0 { at.done as f64 / at.elapsed } else { 0.0 };
     let left = if fraction > 0.0 {
-        format!("{} left", seconds((at.elapsed / fraction - at.elapsed).max(0.0)))
+        // Whole seconds: an estimate has no more.
+        match (at.elapsed / fraction - at.elapsed).max(0.0).ceil() {
+            short if short < 60.0 => format!("{short} s left"),
+            long => format!("{} left", seconds(long)),
+        }
     } else {
         String::new()
     };
@@ -113,10 +117,10 @@ mod tests {
     #[test]
     fn the_line_says_rate_share_and_time_left() {
         let text = line(At { done: 2_500_000, total: 10_000_000, elapsed: 5.0 }, None);
-        assert_eq!(text, "[======                  ]  25 %  500 k samples/s  15.0 s left");
+        assert_eq!(text, "[======                  ]  25 %  500 k samples/s  15 s left");
         // The time limit ends it sooner.
         let text = line(At { done: 2_500_000, total: 10_000_000, elapsed: 5.0 }, Some(10.0));
-        assert_eq!(text, "[============            ]  50 %  500 k samples/s  5.00 s left");
+        assert_eq!(text, "[============            ]  50 %  500 k samples/s  5 s left");
         // Past its end, and before its beginning.
         assert!(line(At { done: 9, total: 3, elapsed: 1.0 }, Some(0.1)).contains("100 %"));
         assert!(line(At { done: 0, total: 0, elapsed: 0.0 }, None).contains("  0 %  0 samples/s"));

@@ -233,11 +233,12 @@ fn summary(stats: &RenderStats, outputs: &[PathBuf], stats_file: Option<&Path>) 
     for path in outputs {
         let _ = writeln!(
             text,
-            "wrote {}: {}x{}, {} samples per pixel",
+            "wrote {}: {}x{}, {} sample{} per pixel",
             path.display(),
             image.width,
             image.height,
-            image.spp
+            image.spp,
+            if image.spp == 1 { "" } else { "s" }
         );
     }
     if let Some(path) = stats_file {

@@ -286,7 +286,7 @@ mod tests {
                 }
             }
             if rest_expected > 8.0 {
-                chi2 += (rest_seen - rest_expected as f64).powi(2) / rest_expected;
+                chi2 += (rest_seen - rest_expected).powi(2) / rest_expected;
                 cells += 1.0;
             }
             let dof: f64 = cells - 1.0;
@@ -302,8 +302,8 @@ mod tests {
             let sampler = FilterSampler::new(filter);
             let r = radius(filter);
             let mut expected = 1.0;
-            for axis in 0..2 {
-                let r64 = f64::from(r[axis]);
+            for (axis, radius) in r.into_iter().enumerate() {
+                let r64 = f64::from(radius);
                 let value = |x: f32| f64::from(evaluate_axis(filter, axis, x));
                 expected *= integrate(-r64, r64, value) / integrate(-r64, r64, |x| value(x).abs());
             }
