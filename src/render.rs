@@ -11,7 +11,9 @@ use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
 use crate::geometry::{self, Opacity, SceneGeometry};
 use crate::integrator::camera::Camera;
+use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights::Lights;
+use crate::integrator::lights_build::load_environments;
 use crate::integrator::materials::{MaterialTables, Materials};
 use crate::integrator::path::{SurfaceShading, Wave, World};
 use crate::integrator::sampler::{pixel_key, sample4};
@@ -79,7 +81,7 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     let start = Instant::now();
 
     (control.progress)(Progress::Phase("loading"));
-    let (geometry, textures) = pool.install(|| load(scene))?;
+    let (geometry, textures, environments) = pool.install(|| load(scene))?;
     let tables = pool.install(|| MaterialTables::new(scene, &textures));
     stats.time.prepare_s = start.elapsed().as_secs_f64();
 
@@ -93,9 +95,9 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     stats.plan.bytes.textures = textures.store().bytes() as u64;
 
     let materials = Materials::new(scene, &textures, &tables);
-    let mut lights = Lights::new(scene, &geometry, &textures, accel.bounds())?;
+    let lights = Lights::new(scene, &geometry, &textures, environments);
     let emitters = emitters_only(&geometry, &lights, options)?;
-    let shading = shading(&geometry, &materials, &mut lights);
+    let shading = shading(&geometry, &materials, &lights);
     let spp = settings.spp.unwrap_or(scene.spp).max(1);
     let roulette = settings.roulette.unwrap_or(true);
     let world = World {
@@ -196,16 +198,19 @@ fn effective_film(scene: &SceneDescription, settings: &RenderSettings) -> Result
     Ok(film)
 }
 
-fn load(scene: &SceneDescription) -> Result<(SceneGeometry, Arc<Textures>)> {
+#[expect(clippy::type_complexity, reason = "three tables that are taken apart at once")]
+fn load(scene: &SceneDescription) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
     let needs = prepare::image_needs(scene);
-    let (geometry, store) =
-        rayon::join(|| geometry::load(scene), || TextureStore::load(&scene.images, &needs));
+    let (geometry, (store, environments)) = rayon::join(
+        || geometry::load(scene),
+        || rayon::join(|| TextureStore::load(&scene.images, &needs), || load_environments(scene)),
+    );
     let textures = Arc::new(Textures::new(scene.textures.clone(), store?));
     let mut geometry = geometry?;
     if geometry.surfaces.iter().any(|s| s.alpha.is_some()) {
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
     }
-    Ok((geometry, textures))
+    Ok((geometry, textures, environments?))
 }
 
 /// Opacity by texture, for alpha masks.
@@ -231,7 +236,7 @@ fn emitters_only<'g>(
     Ok(Some(EmbreeScene::new(&emitting, &[], &[], geometry, options)?))
 }
 
-fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &mut Lights) -> Vec<SurfaceShading> {
+fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {
     let mut list: Vec<SurfaceShading> = geometry
         .surfaces
         .iter()

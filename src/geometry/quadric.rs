@@ -39,7 +39,7 @@ pub enum QuadricKind {
 }
 
 /// A quadric with its sweep and its place.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Quadric {
     /// Shape.
     pub kind: QuadricKind,
@@ -47,6 +47,8 @@ pub struct Quadric {
     pub phi_max: f64,
     /// Object to world (or to instance space).
     pub to_world: Transform,
+    /// As the scene described it.
+    pub shape: ShapeKind,
 }
 
 /// A point of a quadric in world space.
@@ -66,8 +68,8 @@ pub struct QuadricPoint {
 impl Quadric {
     /// From the scene's parameters; `None` for meshes and patches.
     #[must_use]
-    pub fn new(kind: &ShapeKind, to_world: Transform) -> Option<Self> {
-        let (kind, phi) = match *kind {
+    pub fn new(shape: &ShapeKind, to_world: Transform) -> Option<Self> {
+        let (kind, phi) = match *shape {
             ShapeKind::Sphere { radius, z_min, z_max, phi_max_degrees } => {
                 let r = f64::from(radius);
                 let (a, b) = (f64::from(z_min.min(z_max)), f64::from(z_min.max(z_max)));
@@ -87,7 +89,7 @@ impl Quadric {
             ),
             ShapeKind::Mesh(_) | ShapeKind::Patches(_) => return None,
         };
-        Some(Self { kind, phi_max: f64::from(phi).clamp(0.0, 360.0).to_radians(), to_world })
+        Some(Self { kind, phi_max: f64::from(phi).clamp(0.0, 360.0).to_radians(), to_world, shape: shape.clone() })
     }
 
     /// Corners of the object-space box.

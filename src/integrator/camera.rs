@@ -2,6 +2,7 @@
 //! camera looks along +z, y is up, raster y runs down, `fov` spans the shorter axis.
 
 use crate::accel::Ray;
+use crate::integrator::light::octahedral::square_to_sphere;
 use crate::math::warp::concentric_disk;
 use crate::scene::{self, CameraKind};
 use glam::{Vec2, Vec3};
@@ -143,7 +144,7 @@ impl Camera {
                     let (theta, phi) = (PI * uv.y, 2.0 * PI * uv.x);
                     Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
                 } else {
-                    crate::math::warp::uniform_sphere(uv)
+                    square_to_sphere(uv)
                 };
                 origin = Vec3::ZERO;
                 // pbrt's sphere has z up; the camera has y up.

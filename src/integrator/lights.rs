@@ -7,26 +7,32 @@
 
 use crate::accel::Ray;
 use crate::color::Rgb;
-use crate::error::Result;
-use crate::geometry::{SceneGeometry, SurfacePoint, SurfaceShape, offset_origin};
-use crate::integrator::path::LIGHT_POINT;
-use crate::math::warp;
-use crate::scene::{AreaLight, ImageId, Light, SceneDescription};
-use crate::texture::Textures;
+use crate::geometry::{SurfacePoint, offset_origin};
+use crate::integrator::light::cylinder::Cylinder;
+use crate::integrator::light::delta::DeltaLight;
+use crate::integrator::light::disk::Disk;
+use crate::integrator::light::env::EnvironmentMap;
+use crate::integrator::light::parallelogram::Parallelogram;
+use crate::integrator::light::patch::Patch;
+use crate::integrator::light::sphere::Sphere;
+use crate::integrator::light::tree::LightTree;
+use crate::integrator::light::{ShapeSample, triangle};
+use crate::math::gamma;
+use crate::scene::{Channels, ImageId, TextureFilter, Wrap};
+use crate::texture::{Footprint, Sampler, Textures};
 use glam::{Vec2, Vec3};
+use std::sync::Arc;
 
 /// A surface that emits.
 pub struct Emitter {
     /// Index of the surface.
     pub surface: u32,
-    /// Radiance, scale and power included.
-    pub radiance: Rgb,
     /// Both sides emit.
     pub two_sided: bool,
     /// Image over (u, v), a factor.
     pub image: Option<ImageId>,
-    /// Light of the first primitive.
-    first_light: u32,
+    /// Light of each primitive.
+    pub(super) light_by_primitive: Vec<u32>,
 }
 
 impl Emitter {
@@ -34,37 +40,58 @@ impl Emitter {
     #[inline(always)]
     #[must_use]
     pub fn light_of(&self, primitive: u32) -> u32 {
-        self.first_light + primitive
-    }
-
-    /// Radiance at texture coordinates.
-    #[inline(always)]
-    #[must_use]
-    pub fn radiance_at(&self, _uv: Vec2) -> Rgb {
-        self.radiance
+        self.light_by_primitive[primitive as usize]
     }
 }
 
-/// One light with a place.
-struct Bounded {
-    v: [Vec3; 3],
-    n: Vec3,
-    area: f32,
-    emitter: u32,
+/// What a light with a place looks like.
+pub(super) enum Place {
+    Parallelogram(Parallelogram),
+    Triangle([Vec3; 3]),
+    Patch(Patch),
+    Sphere(Sphere),
+    Disk(Disk),
+    Cylinder(Cylinder),
+    Delta(DeltaLight),
+}
+
+/// A light with a place.
+pub(super) struct Bounded {
+    pub(super) place: Place,
+    /// Radiance, scale and power included; unused for delta lights.
+    pub(super) radiance: Rgb,
+    /// Whether it emits against the normal that sampling gives.
+    pub(super) flip: bool,
+    /// Its emitter; unused for delta lights.
+    pub(super) emitter: u32,
+}
+
+/// A light infinitely far away that is sampled.
+pub(super) enum Infinite {
+    Distant { irradiance: Rgb, towards: Vec3 },
+    Image { map: EnvironmentMap, scale: Rgb },
 }
 
 /// A direction towards a light.
 pub struct LightSample {
     /// Unit direction.
     pub wi: Vec3,
-    /// Radiance along it (for delta lights with the falloff included).
+    /// Radiance along it (for delta lights the irradiance of a facing surface).
     pub radiance: Rgb,
     /// Density [1/sr] with the choice of the light included; for delta lights the choice alone.
     pub pdf: f32,
     /// No scattering function could have found it.
     pub delta: bool,
-    /// Point on the light, the bound on its error and its normal; `None` infinitely far.
-    target: Option<(Vec3, f32, Vec3)>,
+    target: Target,
+}
+
+/// Where a shadow ray ends.
+enum Target {
+    Infinity,
+    /// A point without a surface.
+    Point(Vec3),
+    /// A point of a surface, the bound on its error and its normal.
+    Surface(Vec3, f32, Vec3),
 }
 
 impl LightSample {
@@ -73,139 +100,232 @@ impl LightSample {
     #[must_use]
     pub fn ray_from(&self, p: Vec3, error: f32, ng: Vec3) -> Ray {
         let origin = offset_origin(p, error, ng, self.wi);
-        match self.target {
-            None => Ray::new(origin, self.wi),
-            Some((target, error, n)) => {
-                let target = offset_origin(target, error, n, -self.wi);
-                Ray { origin, direction: target - origin, t_min: 0.0, t_max: 1.0 }
-            }
-        }
+        let end = match self.target {
+            Target::Infinity => return Ray::new(origin, self.wi),
+            Target::Point(target) => target,
+            Target::Surface(target, error, n) => offset_origin(target, error, n, -self.wi),
+        };
+        Ray { origin, direction: end - origin, t_min: 0.0, t_max: 1.0 }
     }
 }
 
-/// The lights.
+/// Bound on the relative rounding of a point sampled on a light, per unit of coordinate.
+const LIGHT_POINT: f32 = gamma(16);
+
+/// The lights of a scene. Built by [`super::lights_build`].
 pub struct Lights {
     /// Emitting surfaces.
     pub emitters: Vec<Emitter>,
-    bounded: Vec<Bounded>,
-    constant: Rgb,
-    distant: Vec<(Rgb, Vec3)>,
+    pub(super) bounded: Vec<Bounded>,
+    pub(super) tree: Option<LightTree>,
+    pub(super) infinite: Vec<Infinite>,
+    pub(super) constant: Rgb,
+    /// Probability of choosing among the infinite ones.
+    pub(super) choose_infinite: f32,
+    /// One bounded light and no other: nothing to choose.
+    pub(super) single: bool,
+    pub(super) textures: Arc<Textures>,
+    /// Texture coordinates of the corners of triangles that emit an image, by light.
+    pub(super) textured_corners: Vec<(u32, [Vec2; 3])>,
 }
 
 impl Lights {
-    /// Collects the lights of a scene.
-    ///
-    /// # Errors
-    /// An environment image that cannot be used.
-    pub fn new(
-        scene: &SceneDescription,
-        geometry: &SceneGeometry,
-        _textures: &Textures,
-        _bounds: (Vec3, Vec3),
-    ) -> Result<Self> {
-        let mut lights =
-            Self { emitters: Vec::new(), bounded: Vec::new(), constant: Rgb::ZERO, distant: Vec::new() };
-        for light in &scene.lights {
-            match light {
-                Light::Constant { radiance } => lights.constant += *radiance,
-                Light::Distant { irradiance, towards } => {
-                    lights.distant.push((*irradiance, Vec3::from(*towards)));
-                }
-                _ => {}
-            }
-        }
-        for (i, surface) in geometry.surfaces.iter().enumerate().take(geometry.world_count) {
-            let Some(id) = surface.area_light else { continue };
-            let AreaLight { radiance, two_sided, image, .. } = scene.area_lights[id.index()];
-            let first_light = lights.bounded.len() as u32;
-            if let SurfaceShape::Mesh(m) = &surface.shape {
-                for t in &m.indices {
-                    let v = t.map(|k| Vec3::from(m.positions[k as usize]));
-                    let mut n = (v[1] - v[0]).cross(v[2] - v[0]);
-                    if surface.flip_normal {
-                        n = -n;
-                    }
-                    if !m.normals.is_empty() && n.dot(Vec3::from(m.normals[t[0] as usize])) < 0.0 {
-                        n = -n;
-                    }
-                    let area = n.length() * 0.5;
-                    lights.bounded.push(Bounded {
-                        v,
-                        n: n.normalize_or_zero(),
-                        area,
-                        emitter: lights.emitters.len() as u32,
-                    });
-                }
-            }
-            lights.emitters.push(Emitter { surface: i as u32, radiance, two_sided, image, first_light });
-        }
-        Ok(lights)
-    }
-
     /// Whether any light is worth a shadow ray.
     #[inline(always)]
     #[must_use]
     pub fn can_be_sampled(&self) -> bool {
-        !self.bounded.is_empty() || !self.distant.is_empty()
+        self.tree.is_some() || !self.infinite.is_empty()
     }
 
     /// Whether rays that leave the scene find light.
     #[inline(always)]
     #[must_use]
     pub fn has_background(&self) -> bool {
-        self.constant != Rgb::ZERO
+        self.constant != Rgb::ZERO || self.infinite.iter().any(|l| matches!(l, Infinite::Image { .. }))
     }
 
-    /// Radiance from infinitely far along `direction`, weighted against light sampling from `p`
-    /// where `pdf` > 0 is the density that drew the direction.
-    #[inline(always)]
+    /// Bytes held by environment maps and the light tree.
     #[must_use]
-    pub fn background(&self, _p: Vec3, _direction: Vec3, _pdf: f32) -> Rgb {
-        self.constant
+    pub fn bytes(&self) -> u64 {
+        let maps = self.infinite.iter().map(|l| match l {
+            Infinite::Image { map, .. } => map.bytes(),
+            Infinite::Distant { .. } => 0,
+        });
+        let tree = self.tree.as_ref().map_or(0, LightTree::bytes);
+        (maps.sum::<usize>() + tree + self.bounded.len() * size_of::<Bounded>()) as u64
     }
 
-    /// Samples a light from `p`.
+    /// Radiance from infinitely far along `direction`, weighted against light sampling where
+    /// `pdf` > 0 is the density that drew the direction.
     #[inline(always)]
     #[must_use]
-    pub fn sample(&self, p: Vec3, _n: Vec3, u: [f32; 4]) -> Option<LightSample> {
-        let count = self.bounded.len() + self.distant.len();
-        let i = ((u[2] * count as f32) as usize).min(count - 1);
-        let pmf = 1.0 / count as f32;
-        if i >= self.bounded.len() {
-            let (radiance, wi) = self.distant[i - self.bounded.len()];
-            return Some(LightSample { wi, radiance, pdf: pmf, delta: true, target: None });
+    pub fn background(&self, direction: Vec3, pdf: f32) -> Rgb {
+        let mut sum = self.constant;
+        for light in &self.infinite {
+            let Infinite::Image { map, scale } = light else { continue };
+            let mut radiance = map.radiance(direction) * *scale;
+            if pdf > 0.0 {
+                radiance *= power_heuristic(pdf, self.pdf_infinite() * map.pdf(direction));
+            }
+            sum += radiance;
         }
-        let light = &self.bounded[i];
-        let emitter = &self.emitters[light.emitter as usize];
-        let (b0, b1) = warp::uniform_triangle(Vec2::new(u[0], u[1]));
-        let point = light.v[0] * b0 + light.v[1] * b1 + light.v[2] * (1.0 - b0 - b1);
-        let d = point - p;
-        let d2 = d.length_squared();
-        let wi = d / d2.sqrt();
-        let cos = -wi.dot(light.n);
-        if cos <= 0.0 && !emitter.two_sided {
-            return None;
+        sum
+    }
+
+    #[inline(always)]
+    fn pdf_infinite(&self) -> f32 {
+        self.choose_infinite / self.infinite.len() as f32
+    }
+
+    /// Radiance of light `light` of `emitter` at texture coordinates.
+    #[inline(always)]
+    #[must_use]
+    pub fn emitted(&self, emitter: &Emitter, light: u32, uv: Vec2) -> Rgb {
+        let radiance = self.bounded[light as usize].radiance;
+        match emitter.image {
+            None => radiance,
+            Some(image) => radiance * self.image_at(image, uv),
         }
-        let pdf = pmf * d2 / (light.area * cos.abs());
-        if !pdf.is_finite() {
-            return None;
+    }
+
+    #[inline(never)]
+    fn image_at(&self, image: ImageId, uv: Vec2) -> Rgb {
+        let sampler = Sampler { filter: TextureFilter::Point, wrap: Wrap::Clamp, channels: Channels::Rgb };
+        self.textures.store().lookup(image, uv, Footprint::default(), sampler)
+    }
+
+    /// Samples a light from `p`; `u` are four numbers of one set.
+    #[inline(always)]
+    #[must_use]
+    pub fn sample(&self, p: Vec3, u: [f32; 4]) -> Option<LightSample> {
+        let square = Vec2::new(u[0], u[1]);
+        if self.single {
+            return self.sample_bounded(p, 0, 1.0, square);
         }
-        let error = LIGHT_POINT * point.abs().max_element();
-        Some(LightSample {
-            wi,
-            radiance: emitter.radiance,
-            pdf,
-            delta: false,
-            target: Some((point, error, light.n)),
+        let choice = u[2];
+        if choice < self.choose_infinite {
+            return self.sample_infinite(choice / self.choose_infinite, square);
+        }
+        let share = 1.0 - self.choose_infinite;
+        // Dividing can round up to 1, which is not in [0, 1).
+        let remapped = ((choice - self.choose_infinite) / share).min(1.0 - f32::EPSILON / 2.0);
+        let (light, pmf) = self.tree.as_ref()?.sample(p, Vec3::ZERO, remapped)?;
+        self.sample_bounded(p, light, pmf * share, square)
+    }
+
+    #[inline(never)]
+    fn sample_infinite(&self, choice: f32, u: Vec2) -> Option<LightSample> {
+        let count = self.infinite.len();
+        let chosen = ((choice * count as f32) as usize).min(count - 1);
+        let pmf = self.pdf_infinite();
+        Some(match &self.infinite[chosen] {
+            Infinite::Distant { irradiance, towards } => LightSample {
+                wi: *towards,
+                radiance: *irradiance,
+                pdf: pmf,
+                delta: true,
+                target: Target::Infinity,
+            },
+            Infinite::Image { map, scale } => {
+                let s = map.sample(u)?;
+                LightSample {
+                    wi: s.wi,
+                    radiance: s.radiance * *scale,
+                    pdf: s.pdf * pmf,
+                    delta: false,
+                    target: Target::Infinity,
+                }
+            }
         })
     }
 
-    /// Density [1/sr] with which [`Self::sample`] from `p` would have found the point of light
-    /// `light` that lies `distance` away along `wi` and turns its normal by `cos`.
+    #[inline(always)]
+    fn sample_bounded(&self, p: Vec3, light: usize, pmf: f32, u: Vec2) -> Option<LightSample> {
+        let bounded = &self.bounded[light];
+        let s: ShapeSample = match &bounded.place {
+            Place::Parallelogram(q) => q.sample(p, u)?,
+            Place::Triangle([a, b, c]) => triangle::sample(p, *a, *b, *c, u)?,
+            Place::Patch(s) => s.sample(p, u)?,
+            Place::Sphere(s) => s.sample(p, u)?,
+            Place::Disk(s) => s.sample(p, u)?,
+            Place::Cylinder(s) => s.sample(p, u)?,
+            Place::Delta(d) => return sample_delta(d, p, pmf),
+        };
+        let wi = (s.point - p).normalize();
+        let emitter = &self.emitters[bounded.emitter as usize];
+        let faces = (s.n.dot(wi) < 0.0) != bounded.flip;
+        if !faces && !emitter.two_sided {
+            return None;
+        }
+        let mut radiance = bounded.radiance;
+        if let Some(image) = emitter.image {
+            radiance *= self.image_at(image, self.uv_of(light, &s));
+        }
+        // For a sphere or cylinder the rounding scales with the shape as well; both are within
+        // the largest coordinate unless the shape surrounds the origin.
+        let error = LIGHT_POINT * (s.point.abs().max_element() + (s.point - p).abs().max_element());
+        Some(LightSample {
+            wi,
+            radiance,
+            pdf: s.pdf_solid_angle * pmf,
+            delta: false,
+            target: Target::Surface(s.point, error, s.n),
+        })
+    }
+
+    /// Texture coordinates of a sampled point: quadrics and patches name their own (u, v);
+    /// triangles of an image light are never merged, and pbrt's default coordinates or the mesh's
+    /// were kept for them.
+    fn uv_of(&self, light: usize, s: &ShapeSample) -> Vec2 {
+        match &self.bounded[light].place {
+            Place::Triangle(_) => {
+                let [a, b, c] = self.corner_uvs(light);
+                a * s.b0 + b * s.b1 + c * (1.0 - s.b0 - s.b1)
+            }
+            _ => Vec2::new(s.b0, s.b1),
+        }
+    }
+
+    fn corner_uvs(&self, light: usize) -> [Vec2; 3] {
+        self.textured_corners
+            .binary_search_by_key(&(light as u32), |c| c.0)
+            .map_or([Vec2::ZERO, Vec2::X, Vec2::ONE], |i| self.textured_corners[i].1)
+    }
+
+    /// Density [1/sr] with which [`Self::sample`] from `p` would have found `point` of light
+    /// `light`, `distance` away, its normal turned by `cos` > 0 from the line.
     #[inline(always)]
     #[must_use]
-    pub fn pdf_area(&self, _p: Vec3, light: u32, _point: &SurfacePoint, _wi: Vec3, distance: f32, cos: f32) -> f32 {
-        let count = self.bounded.len() + self.distant.len();
-        distance * distance / (self.bounded[light as usize].area * cos * count as f32)
+    pub fn pdf_area(&self, p: Vec3, light: u32, point: &SurfacePoint, distance: f32, cos: f32) -> f32 {
+        let bounded = &self.bounded[light as usize];
+        let shape = match &bounded.place {
+            Place::Parallelogram(q) => q.pdf(p, distance, cos),
+            Place::Triangle([a, b, c]) => triangle::pdf(p, *a, *b, *c, distance, cos),
+            Place::Patch(s) => s.pdf(p, point.uv),
+            Place::Sphere(s) => s.pdf(p, point.p),
+            Place::Disk(s) => s.pdf(p, point.p),
+            Place::Cylinder(s) => s.pdf(p, point.p),
+            Place::Delta(_) => 0.0,
+        };
+        if self.single {
+            return shape;
+        }
+        let Some(tree) = &self.tree else { return 0.0 };
+        shape * (1.0 - self.choose_infinite) * tree.pmf(p, Vec3::ZERO, light as usize)
     }
+}
+
+fn sample_delta(light: &DeltaLight, p: Vec3, pmf: f32) -> Option<LightSample> {
+    let s = light.sample(p)?;
+    let target =
+        if s.distance.is_finite() { Target::Point(p + s.wi * s.distance) } else { Target::Infinity };
+    Some(LightSample { wi: s.wi, radiance: s.irradiance, pdf: pmf, delta: true, target })
+}
+
+/// Veach's power heuristic with exponent 2, in a form whose squares cannot overflow.
+#[inline(always)]
+#[must_use]
+pub fn power_heuristic(a: f32, b: f32) -> f32 {
+    let r = b / a;
+    1.0 / (1.0 + r * r)
 }

@@ -2,7 +2,9 @@
 
 pub mod bsdf;
 pub mod camera;
+pub mod light;
 pub mod lights;
+pub mod lights_build;
 pub mod materials;
 pub mod path;
 pub mod sampler;

@@ -9,10 +9,10 @@ use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
 use crate::geometry::{Needs, SceneGeometry, SurfacePoint, offset_origin};
 use crate::integrator::camera::Camera;
-use crate::integrator::lights::{Emitter, Lights};
+use crate::integrator::lights::{Emitter, Lights, power_heuristic};
 use crate::integrator::materials::Materials;
 use crate::integrator::sampler::sample4;
-use crate::math::{Frame, gamma};
+use crate::math::Frame;
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::stats::Counters;
 use crate::texture::TextureCoordinates;
@@ -233,7 +233,7 @@ impl<'a, A: Accel> World<'a, A> {
     fn add_background(&self, path: &Path, radiance: &mut Rgb) {
         // A medium without end absorbs what comes from infinitely far.
         let beta = path.beta * self.transmittance(path.medium, f32::INFINITY);
-        *radiance += beta * self.lights.background(path.reference(), path.direction, path.pdf);
+        *radiance += beta * self.lights.background(path.direction, path.pdf);
     }
 
     /// Emission of a surface towards the path, weighted against light sampling.
@@ -250,14 +250,14 @@ impl<'a, A: Accel> World<'a, A> {
         if cos <= 0.0 && !emitter.two_sided {
             return;
         }
+        let light = emitter.light_of(hit.primitive);
         let mut weight = 1.0;
         if path.pdf > 0.0 {
             let distance = path.travelled + hit.t;
-            let light = emitter.light_of(hit.primitive);
-            let pdf = self.lights.pdf_area(path.reference(), light, point, path.direction, distance, cos.abs());
+            let pdf = self.lights.pdf_area(path.reference(), light, point, distance, cos.abs());
             weight = power_heuristic(path.pdf, pdf);
         }
-        *radiance += path.beta * emitter.radiance_at(point.uv) * weight;
+        *radiance += path.beta * self.lights.emitted(emitter, light, point.uv) * weight;
     }
 
     #[inline(always)]
@@ -308,7 +308,7 @@ impl<'a, A: Accel> World<'a, A> {
 
         if self.lights.can_be_sampled() && !bsdf.is_delta() {
             let u = sample4(path.key, path.sample, 2 + 2 * depth);
-            if let Some(light) = self.lights.sample(point.p, point.ns, u) {
+            if let Some(light) = self.lights.sample(point.p, u) {
                 let wi = frame.to_local(light.wi);
                 let (f, pdf) = bsdf.eval(wo, wi);
                 if f != Rgb::ZERO {
@@ -438,13 +438,6 @@ impl Path {
     }
 }
 
-/// Veach's power heuristic with exponent 2, safe against overflow of the squares.
-#[inline(always)]
-fn power_heuristic(a: f32, b: f32) -> f32 {
-    let r = b / a;
-    1.0 / (1.0 + r * r)
-}
-
 /// The medium behind a surface in direction `w`.
 #[inline(always)]
 fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) -> u32 {
@@ -458,6 +451,3 @@ fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) ->
 fn medium_index(medium: Option<MediumId>) -> u32 {
     medium.map_or(NONE, |m| m.0)
 }
-
-/// Bound on the relative rounding of a point made by an affine map of a light's parameters.
-pub(crate) const LIGHT_POINT: f32 = gamma(8);

@@ -2,7 +2,7 @@
 //! sampling: it only follows references.
 
 use crate::scene::{
-    ImageId, Light, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId,
+    ImageId, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId,
 };
 use crate::texture::ImageNeeds;
 
@@ -27,11 +27,7 @@ pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
             walk.image(image, false);
         }
     }
-    for light in &scene.lights {
-        if let Light::Image { image, .. } = light {
-            walk.image(*image, false);
-        }
-    }
+    // Environment images are not here: their lights read them whole, once.
     walk.needs
 }
 

@@ -10,3 +10,19 @@ mod polygon;
 
 pub use description::*;
 pub use mesh::*;
+
+use crate::error::{Error, Result};
+use std::path::Path;
+
+/// Reads a scene by what its name says it is.
+///
+/// # Errors
+/// The reader's own, or that the name is none that Weir reads.
+pub fn load(path: &Path) -> Result<SceneDescription> {
+    let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if name.ends_with(".pbrt") || name.ends_with(".pbrt.gz") {
+        pbrt::read_pbrt(path)
+    } else {
+        Err(Error::file(path, "not a scene that Weir reads; .pbrt, .pbrt.gz, .obj and .ply are"))
+    }
+}

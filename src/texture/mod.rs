@@ -3,6 +3,7 @@
 //! without anyone noticing. Never decides what is needed; `prepare` says so by [`ImageNeeds`].
 
 mod encoding;
+mod eval;
 mod exr_in;
 mod filter;
 mod image_io;
@@ -11,6 +12,7 @@ mod pyramid;
 mod store;
 mod texels;
 
+pub use eval::{TextureCoordinates, Textures};
 pub use filter::{Footprint, Sampler};
 pub use image_io::{ImageData, MAX_DECODED_BYTES, MAX_SIDE, Pixels, read_image};
 pub use store::{ImageNeeds, TextureStore};
