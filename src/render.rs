@@ -19,7 +19,7 @@ use crate::integrator::path::{SurfaceShading, Wave, World};
 use crate::integrator::sampler::{pixel_key, sample4};
 use crate::prepare;
 use crate::scene::{Film, SceneDescription, TextureId};
-use crate::settings::RenderSettings;
+use crate::settings::{Estimator, RenderSettings};
 use crate::stats::{self, Counters, RenderStats};
 use crate::texture::{TextureCoordinates, TextureStore, Textures};
 use glam::{Mat3, Vec2, Vec3};
@@ -100,7 +100,10 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     let shading = shading(&geometry, &materials, &lights);
     let spp = settings.spp.unwrap_or(scene.spp).max(1);
     let roulette = settings.roulette.unwrap_or(true);
+    let samples_lights = lights.can_be_sampled() && settings.estimator != Estimator::Scattering;
     let world = World {
+        estimator: settings.estimator,
+        samples_lights,
         accel: &accel,
         emitters_only: emitters.as_ref(),
         geometry: &geometry,

@@ -10,6 +10,19 @@ pub enum Backend {
     Embree,
 }
 
+/// How direct light is estimated. All three have the same expectation where lights have extent and
+/// surfaces are rough; they are here so that each can be held against the others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Estimator {
+    /// Light sampling and scattering sampling, weighted (Veach 1997).
+    #[default]
+    Both,
+    /// Light sampling alone wherever lights can be sampled.
+    Lights,
+    /// Scattering sampling alone; lights without extent are not seen.
+    Scattering,
+}
+
 /// What the command line may override; `None` keeps what the scene file says.
 #[derive(Clone, Debug, Default)]
 pub struct RenderSettings {
@@ -35,6 +48,8 @@ pub struct RenderSettings {
     pub time_limit_seconds: Option<f64>,
     /// Where images go; empty keeps the scene's own file name.
     pub outputs: Vec<PathBuf>,
+    /// How direct light is estimated.
+    pub estimator: Estimator,
     /// Warnings about what stands in for unsupported features become errors.
     pub strict: bool,
 }

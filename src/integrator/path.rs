@@ -14,6 +14,7 @@ use crate::integrator::materials::Materials;
 use crate::integrator::sampler::sample4;
 use crate::math::Frame;
 use crate::scene::{Medium, MediumId, MediumInterface};
+use crate::settings::Estimator;
 use crate::stats::Counters;
 use crate::texture::TextureCoordinates;
 use glam::{Vec2, Vec3};
@@ -59,6 +60,10 @@ pub struct World<'a, A> {
     pub rr_threshold: f32,
     /// Texture footprints shrink with the sample count (pbrt: max(1/8, 1/√spp)).
     pub footprint_scale: f32,
+    /// How direct light is estimated.
+    pub estimator: Estimator,
+    /// Whether next-event estimation has anything to do: lights to sample, and an estimator that does.
+    pub samples_lights: bool,
     /// Whether any surface is an interface, so that rays may have to pass some.
     pub has_interfaces: bool,
 }
@@ -306,13 +311,14 @@ impl<'a, A: Accel> World<'a, A> {
         };
         let wo = frame.to_local(-path.direction);
 
-        if self.lights.can_be_sampled() && !bsdf.is_delta() {
+        if self.samples_lights && !bsdf.is_delta() {
             let u = sample4(path.key, path.sample, 2 + 2 * depth);
             if let Some(light) = self.lights.sample(point.p, u) {
                 let wi = frame.to_local(light.wi);
                 let (f, pdf) = bsdf.eval(wo, wi);
                 if f != Rgb::ZERO {
-                    let weight = if light.delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
+                    let plain = light.delta || self.estimator == Estimator::Lights;
+                    let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
                     shadows.push(Shadow {
                         ray: light.ray_from(point.p, point.error, point.ng),
                         contribution: path.beta * f * light.radiance * (weight / light.pdf),
@@ -327,7 +333,13 @@ impl<'a, A: Accel> World<'a, A> {
         let Some(s) = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1])) else { return false };
         let direction = frame.to_world(s.wi);
         path.beta *= s.weight;
-        path.pdf = if s.delta { 0.0 } else { s.pdf };
+        path.pdf = match self.estimator {
+            Estimator::Scattering => 0.0,
+            _ if s.delta => 0.0,
+            Estimator::Both => s.pdf,
+            // So improbable beside light sampling that the heuristic gives it no weight.
+            Estimator::Lights => f32::MIN_POSITIVE,
+        };
         if s.transmission {
             path.eta_scale *= s.eta * s.eta;
         }
