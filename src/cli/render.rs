@@ -13,7 +13,7 @@ use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
 use weir::report::{attributes, bytes, count, seconds};
 use weir::scene::{self, SceneDescription};
-use weir::settings::{Backend, RenderSettings};
+use weir::settings::{Backend, Estimator, RenderSettings};
 use weir::stats::RenderStats;
 
 const EXAMPLES: &str = "\
@@ -92,6 +92,7 @@ impl Options {
     /// As the library takes them.
     pub(super) fn settings(&self) -> RenderSettings {
         RenderSettings {
+            estimator: Estimator::Both,
             spp: self.spp,
             size: self.size,
             crop: self.crop,
