@@ -238,7 +238,8 @@ impl Node {
             let (cos_i, _) = subtract(safe_sqrt(1.0 - cos_i * cos_i), cos_i, sin_b, cos_b);
             importance *= cos_i.max(1e-6);
         }
-        importance
+        // Two infinities would make no ratio; a NaN becomes the bound too.
+        importance.min(1e30)
     }
 }
 
