@@ -227,6 +227,7 @@ fn floor(x: f32) -> i32 {
 
 /// The fraction in 0..=1; 0 for NaN, and an end of that range where a number has no fraction left.
 #[inline(always)]
+#[allow(clippy::manual_clamp, reason = "`clamp` keeps NaN; `max` and `min` prefer the number")]
 fn fraction(x: f32) -> f32 {
     let f = x - (x as i32) as f32;
     (if f < 0.0 { f + 1.0 } else { f }).max(0.0).min(1.0)
