@@ -2,6 +2,7 @@
 //! shading uses: what is behind it (today whole decoded images, later a tiled cache) may change
 //! without anyone noticing. Never decides what is needed; `prepare` says so by [`ImageNeeds`].
 
+mod contain;
 mod encoding;
 mod eval;
 mod exr_in;
