@@ -134,8 +134,8 @@ def write_exr(path, width, height, pixel):
         for y in range(y0, min(y0 + 16, height)):
             line = [pixel(x, y) for x in range(width)]
             for c in (2, 1, 0):
-                # Eight bits of mantissa are plenty for a sky, and pack better.
-                raw += b"".join(struct.pack("<H", half(p[c]) & 0xFFFC) for p in line)
+                # Seven bits of mantissa are plenty for a sky, and pack better.
+                raw += b"".join(struct.pack("<H", half(p[c]) & 0xFFF8) for p in line)
         mixed = raw[0::2] + raw[1::2]
         delta = bytes([mixed[0]]) + bytes((b - a + 128) & 255 for a, b in zip(mixed, mixed[1:]))
         packed = zlib.compress(delta, 9)

@@ -10,7 +10,7 @@ import os
 import sys
 
 from craft import (Mesh, clamp, cross, fbm, hash01, lathe, lerp, mix, noise, normalize, octahedral,
-                   ramp_palette, smooth, torus, write_exr, write_png)
+                   ramp, ramp_palette, smooth, torus, write_exr, write_png)
 
 HALF_X, HALF_Y = 5.5, 3.0
 UP, DOWN = 2.3, 1.05  # water levels
@@ -114,6 +114,8 @@ def make_weir():
     xs = [1.0, 0.97, 0.9, 0.8] + [0.7 - 2.5 * i / 26 for i in range(27)]
     y0, y1 = -HALF_Y - 0.02, 2.0
     points, normals, uvs, indices = [], [], [], []
+    out = open("weir.pbrt", "w")
+    out.write("# The weir's body: made by generate.py.\n")
 
     def vertex(p, n, uv):
         points.append(p)
@@ -133,17 +135,21 @@ def make_weir():
         slope = (weir(x + 0.01) - weir(x - 0.01)) / 0.02
         n = (-slope, 0, 1)
         rows.append((((x, y0, weir(x)), n, (y0 / 3, length / 3)), ((x, y1, weir(x)), n, (y1 / 3, length / 3))))
-    strip([(b, a) for a, b in rows])
-    strip([(((x, y0, weir(x)), (0, -1, 0), (x / 3, weir(x) / 3)), ((x, y0, 0.0), (0, -1, 0), (x / 3, 0))) for x in xs])
-    strip([(((1.0, y, 0.0), (1, 0, 0), (y / 3, 0)), ((1.0, y, weir(1.0)), (1, 0, 0), (y / 3, 0.6))) for y in (y0, y1)])
-
     def numbers(rows):
         return "\n".join("    " + " ".join(f"{c:.4g}" for c in r) for r in rows)
 
-    with open("weir.pbrt", "w") as f:
-        f.write("# The weir's body: made by generate.py.\n")
-        f.write(f'Shape "bilinearmesh"\n  "point3 P" [\n{numbers(points)} ]\n  "normal N" [\n{numbers(normals)} ]\n')
-        f.write(f'  "point2 uv" [\n{numbers(uvs)} ]\n  "integer indices" [\n{numbers(indices)} ]\n')
+    def shape(material):
+        out.write(f'NamedMaterial "{material}"\nShape "bilinearmesh"\n  "point3 P" [\n{numbers(points)} ]\n  "normal N" [\n{numbers(normals)} ]\n')
+        out.write(f'  "point2 uv" [\n{numbers(uvs)} ]\n  "integer indices" [\n{numbers(indices)} ]\n')
+        for part in (points, normals, uvs, indices):
+            part.clear()
+
+    strip([(b, a) for a, b in rows])
+    shape("glaze")
+    strip([(((x, y0, weir(x)), (0, -1, 0), (x / 3, weir(x) / 3)), ((x, y0, 0.0), (0, -1, 0), (x / 3, 0))) for x in xs])
+    strip([(((1.0, y, 0.0), (1, 0, 0), (y / 3, 0)), ((1.0, y, weir(1.0)), (1, 0, 0), (y / 3, 0.6))) for y in (y0, y1)])
+    shape("masonry")
+    out.close()
 
 
 # --- growing and lying things --------------------------------------------------------------------
@@ -208,10 +214,10 @@ def make_plants():
 def instance(name, p, size, turn, tilt=0.0):
     if isinstance(size, (int, float)):
         size = (size, size, size)
-    place = f"Translate {p[0]:.3f} {p[1]:.3f} {p[2]:.3f} Rotate {turn * 360:.0f} 0 0 1"
+    place = f"Translate {p[0]:.2f} {p[1]:.2f} {p[2]:.2f} Rotate {turn * 360:.0f} 0 0 1"
     if tilt:
         place += f" Rotate {tilt:.0f} 1 0 0"
-    return f'AttributeBegin {place} Scale {" ".join(f"{s:.3g}" for s in size)} ObjectInstance "{name}" AttributeEnd\n'
+    return f'AttributeBegin {place} Scale {" ".join(f"{s:.2g}" for s in size)} ObjectInstance "{name}" AttributeEnd\n'
 
 
 def near_building(x, y, margin=0.0):
@@ -257,15 +263,29 @@ def make_instances():
         if z > level + 0.22 and not near_building(x, y):
             out.append(instance("tuft", (x, y, z), 0.25 + 0.35 * r[0], r[1]))
 
-    # Foam where the falling water meets the pool.
+    # Foam where the falling water meets the pool, and white strands down its face.
+    for k in range(130):
+        r = [hash01(6, k, i) for i in range(5)]
+        x, y = -1.78 + 0.42 * (r[0] + r[1] - 1), lerp(-2.9, 1.1, r[2])
+        out.append(instance("foam", (x, y, water(x, y)), 0.7 + 0.6 * r[3], r[4]))
     for k in range(420):
-        r = [hash01(6, k, i) for i in range(4)]
-        x = -1.72 + 0.3 * (r[0] + r[1] - 1) * 1.6 - 0.1
-        y = lerp(-2.92, 1.2, r[2])
-        size = 0.016 + 0.034 * r[3] ** 2
-        out.append(f'AttributeBegin Translate {x:.3f} {y:.3f} {water(x, y) + 0.2 * size:.3f} Scale {size:.3f} {size:.3f} {size:.3f} ObjectInstance "bubble" AttributeEnd\n')
+        r = [hash01(7, k, i) for i in range(5)]
+        x, y = lerp(-1.45, 0.2, r[0] ** 1.5), lerp(-2.92, 1.1, (k + r[1]) / 420)
+        n = normalize(slope_normal(water, x, y))
+        steep = math.degrees(math.atan2(n[0], n[2]))
+        long = 0.06 + 0.14 * r[2]
+        out.append(f'AttributeBegin Translate {x:.2f} {y:.2f} {water(x, y):.3f} Rotate {steep:.0f} 0 1 0 Scale {long:.2f} {0.006 + 0.008 * r[3]:.4f} 0.008 ObjectInstance "bubble" AttributeEnd\n')
     with open("instances.pbrt", "w") as f:
         f.writelines(out)
+
+    with open("foam.pbrt", "w") as f:
+        f.write("# A handful of foam to be instanced: made by generate.py.\n")
+        f.write('ObjectBegin "foam"\n  NamedMaterial "foam"\n')
+        for k in range(22):
+            r = [hash01(8, k, i) for i in range(4)]
+            x, y = 0.16 * (r[0] + hash01(8, k, 5) - 1), 0.16 * (r[1] + hash01(8, k, 6) - 1)
+            f.write(f'  AttributeBegin Translate {x:.3f} {y:.3f} {0.012 * r[2]:.3f} Shape "sphere" "float radius" {0.006 + 0.022 * r[3] ** 2:.4f} AttributeEnd\n')
+        f.write("ObjectEnd\n")
 
     # Control cages of three stones: knocked-about icosahedra, subdivided by the renderer.
     g = (1 + math.sqrt(5)) / 2
@@ -274,7 +294,7 @@ def make_instances():
     with open("stones.pbrt", "w") as f:
         f.write("# Three stones to be instanced, about one unit in radius: made by generate.py.\n")
         for s in range(3):
-            points = [" ".join(f"{c * (1.05 + 0.55 * hash01(30 + s, i)):.3f}" for c in p) for i, p in enumerate(corners)]
+            points = [" ".join(f"{c * (0.95 + 0.75 * hash01(30 + s, i)):.3f}" for c in p) for i, p in enumerate(corners)]
             f.write(f'ObjectBegin "stone{s}"\n  NamedMaterial "stone {s}"\n  Shape "loopsubdiv" "integer levels" 3\n')
             f.write(f'    "point3 P" [ {"  ".join(points)} ]\n    "integer indices" [ {faces} ]\nObjectEnd\n')
 
@@ -311,8 +331,8 @@ def make_things():
     slab(6.2, 3.7, 0.9, 0.25, 0.1).write("plinth.ply.gz")
     torus(1.0, 0.1, 48, 12).write("ring.ply.gz")
     # A plumb bob: point below, a waist, a cap and an eye, three units tall.
-    bob = [(0.0, 0.0), (0.05, 0.12), (0.16, 0.4), (0.34, 0.9), (0.46, 1.3), (0.5, 1.55), (0.49, 1.75), (0.44, 1.86), (0.3, 1.94), (0.22, 1.97),
-           (0.2, 2.0), (0.2, 2.08), (0.28, 2.12), (0.3, 2.16), (0.3, 2.3), (0.28, 2.34), (0.14, 2.37), (0.1, 2.4), (0.09, 2.6), (0.0, 2.62)]
+    bob = [(0.0, 0.0), (0.03, 0.05), (0.05, 0.25), (0.06, 0.3), (0.34, 1.5), (0.38, 1.62), (0.4, 1.7), (0.4, 2.35), (0.38, 2.42), (0.3, 2.47),
+           (0.17, 2.5), (0.15, 2.53), (0.15, 2.66), (0.17, 2.69), (0.24, 2.71), (0.26, 2.74), (0.26, 2.92), (0.24, 2.95), (0.1, 2.97), (0.07, 3.0), (0.07, 3.1), (0.0, 3.12)]
     lathe(bob, 48).write("bob.ply.gz")
     handle = [(0.0, 0.0), (0.1, 0.02), (0.13, 0.1), (0.12, 0.3), (0.1, 0.55), (0.13, 1.1), (0.16, 1.6), (0.15, 1.9), (0.1, 2.05), (0.0, 2.1)]
     lathe(handle, 24).write("handle.ply.gz")
@@ -324,14 +344,13 @@ def make_things():
         u, v = i / 40, j / 28
         x, y = u * w, v * h
         # Distance along the diagonal past the line where the paper leaves the table.
-        d = ((x - w) * 0.8 + (h - y) * -0.6) * -1
-        d = 1.7 - ((w - x) * 0.8 + y * 0.6)
+        d = 1.7 - ((w - x) * 0.8 + (h - y) * 0.6)
         lift, back = 0.0, 0.0
         if d > 0:
             r = 1.15
             lift, back = r * (1 - math.cos(d / r)), d - r * math.sin(d / r)
         wave = 0.012 * (1 + noise(x * 0.7, y * 0.7, 15))
-        return (x - 0.8 * back, y + 0.6 * back, 0.012 + wave + lift), None, (u, v)
+        return (x - 0.8 * back, y - 0.6 * back, 0.012 + wave + lift), None, (u, v)
 
     def with_normal(i, j):
         p, _, uv = at(i, j)
@@ -377,7 +396,7 @@ def make_wood():
         t = 0.5 + 0.2 * (rings - 0.5) + 0.14 * grain + 0.22 * (hash01(k, 45) - 0.5) + 0.07 * tile_noise(u2, v, 4, 8, 46)
         return t * smooth(-0.004, 0.02, edge)
 
-    indexed("wood.png", 640, 640, value, [(0, (22, 13, 8)), (0.35, (78, 47, 28)), (0.6, (122, 79, 48)), (1, (170, 122, 80))], 64)
+    indexed("wood.png", 640, 640, value, [(0, (26, 14, 8)), (0.35, (96, 56, 31)), (0.6, (146, 92, 54)), (1, (194, 138, 88))], 64)
 
 
 def make_ground():
@@ -392,7 +411,7 @@ def make_ground():
         wet = 0.22 + 0.3 * n
         return lerp(wet, 0.78 + 0.3 * n, dry)
 
-    stops = [(0, (30, 66, 64)), (0.3, (72, 118, 108)), (0.45, (126, 138, 112)), (0.55, (150, 132, 92)), (0.64, (98, 104, 48)), (0.8, (84, 112, 40)), (1, (134, 150, 62))]
+    stops = [(0, (52, 124, 128)), (0.3, (112, 182, 174)), (0.45, (172, 190, 160)), (0.55, (170, 150, 106)), (0.64, (98, 104, 48)), (0.8, (84, 112, 40)), (1, (134, 150, 62))]
     indexed("ground.png", w, h, value, stops, 96)
 
 
@@ -409,19 +428,19 @@ def make_cut():
 
 
 def make_stone():
-    """Masonry: courses of blocks, five across and eight up."""
+    """Masonry: courses of blocks, eight across and twelve up."""
 
     def value(u, v):
-        row = math.floor(v * 8)
-        a = (u * 5 + 0.5 * (row % 2)) % 5
-        b = v * 8 - row
+        row = math.floor(v * 12)
+        a = (u * 8 + 0.5 * (row % 2)) % 8
+        b = v * 12 - row
         col = math.floor(a)
         a -= col
         joint = min(min(a, 1 - a) * 1.6, min(b, 1 - b))
         t = 0.62 + 0.22 * (hash01(row, col, 60) - 0.5) + 0.1 * tile_noise(u, v, 40, 40, 61) + 0.1 * tile_noise(u, v, 9, 9, 62)
-        return t * lerp(0.55, 1, smooth(0.03, 0.09, joint))
+        return t * lerp(0.72, 1, smooth(0.03, 0.09, joint))
 
-    indexed("stone.png", 256, 256, value, [(0, (48, 46, 44)), (0.5, (142, 136, 126)), (1, (216, 208, 192))], 64)
+    indexed("stone.png", 256, 256, value, [(0, (70, 66, 62)), (0.5, (182, 168, 144)), (1, (236, 224, 200))], 64)
 
 
 FONT = {  # strokes on a 4 by 6 grid, y up
@@ -519,36 +538,44 @@ def make_drawings():
 
 # --- the sky -------------------------------------------------------------------------------------
 
-SUN = normalize((-0.62, 0.38, 0.62))
+SUN = normalize((-0.6, 0.48, 0.58))
 
 
 def sky(d):
-    """Linear radiance from a direction: evening sky, soft sun, hills and their lake in the haze."""
+    """Linear radiance from a direction: evening sky, a soft sun, hills and a lake in the haze."""
     azimuth, height = math.atan2(d[0], d[1]), math.degrees(math.asin(clamp(d[2], -1, 1)))
     to_sun = math.acos(clamp(sum(a * b for a, b in zip(d, SUN)), -1, 1))
     warm = math.exp(-((to_sun / 0.9) ** 2))
-    t = 1 - math.exp(-max(height, 0) / 22)
-    c = mix((1.05, 0.84, 0.66), (0.27, 0.46, 0.85), t)
+    c = ramp([(0, (1.3, 0.9, 0.6)), (2.5, (1.02, 0.84, 0.74)), (6, (0.5, 0.62, 0.86)), (20, (0.3, 0.47, 0.82)), (90, (0.2, 0.36, 0.72))], max(height, 0))
     c = mix(c, (1.5, 1.1, 0.72), 0.55 * warm)
     if height > -2:
         # Clouds lie on a plane above: they shrink towards the horizon.
-        s = 1 / (d[2] + 0.18)
-        n = fbm(d[0] * s * 1.1 + 3, d[1] * s * 1.6, 5, 40, 0.55)
-        cover = smooth(0.02, 0.5, n + 0.1) * smooth(-1, 9, height)
-        c = mix(c, mix((0.95, 0.92, 0.92), (1.7, 1.35, 1.0), warm), 0.75 * cover)
-    core = 16.0 * math.exp(-((to_sun / 0.2) ** 2))
+        s = 1 / (d[2] + 0.14)
+        n = fbm(d[0] * s * 0.9 + 3, d[1] * s * 1.5, 5, 40, 0.55)
+        cover = smooth(0.08, 0.5, n + 0.02) * smooth(0.5, 4, height)
+        c = mix(c, mix((1.12, 0.96, 0.9), (1.8, 1.4, 1.0), warm), 0.8 * cover)
+    # Broad, so that what lies under water, where no shadow ray reaches, finds it by chance.
+    core = 3.6 * math.exp(-((to_sun / 0.46) ** 2))
     c = tuple(a + core * b for a, b in zip(c, (1.0, 0.84, 0.62)))
-    # Hills: each range nearer, lower and darker than the one behind it.
-    haze = (0.86, 0.78, 0.72)
-    for k, (top, rough, colour) in enumerate([(3.4, 2.6, (0.44, 0.5, 0.62)), (1.2, 2.0, (0.25, 0.34, 0.4)), (-1.6, 1.4, (0.12, 0.19, 0.16))]):
-        x, y = math.sin(azimuth), math.cos(azimuth)
-        ridge = top + rough * (fbm(4 * (1 + k) * x + 9, 4 * (1 + k) * y, 4, 50 + k))
-        inside = smooth(-0.25, 0.25, ridge - height)
-        depth = clamp((ridge - height) / 6)
-        c = mix(c, mix(colour, haze, 0.35 * depth), inside)
-    if height < -6:
-        c = mix(c, (0.16, 0.15, 0.13), smooth(-6, -16, height) if False else smooth(6, 16, -height))
+    x, y = math.sin(azimuth), math.cos(azimuth)
+    # The lake mirrors the evening; hills stand beyond it, each range nearer, lower and darker.
+    if height < 0:
+        lake = ramp([(0, (0.8, 0.68, 0.6)), (4, (0.5, 0.55, 0.62)), (9, (0.3, 0.38, 0.47)), (16, (0.24, 0.3, 0.36)), (30, (0.17, 0.15, 0.13)), (90, (0.14, 0.12, 0.1))], -height)
+        lake = tuple(v * (1 + 0.12 * noise(azimuth * 9, height * 1.6, 60)) for v in lake)
+        c = lake
+    for k, (top, rough, foot, colour, haze) in enumerate(HILLS):
+        ridge = top + rough * fbm(3.4 * (1 + k) * x + 9, 3.4 * (1 + k) * y, 4, 50 + k)
+        inside = smooth(-0.2, 0.2, ridge - height) * smooth(foot - 0.35, foot + 0.1, height)
+        c = mix(c, mix(colour, haze, 0.75 * smooth(0, 4.5, ridge - height)), inside)
     return c
+
+
+# Height of the ridge, its roughness, the foot (all in degrees), colour, haze before it.
+HILLS = [
+    (2.0, 2.8, -2.5, (0.56, 0.56, 0.7), (0.98, 0.83, 0.72)),
+    (-0.2, 2.2, -3.2, (0.26, 0.34, 0.46), (0.74, 0.68, 0.66)),
+    (-2.6, 2.4, -4.6, (0.09, 0.15, 0.14), (0.34, 0.36, 0.34)),
+]
 
 
 def make_sky():
