@@ -239,7 +239,7 @@ def make_instances():
         if -1.9 < x < 1.1 or near_building(x, y):
             continue
         out.append(instance(f"stone{int(r[1] * 3)}", (x, y, z + 0.25 * size), (size * 1.25, size, size * 0.75), r[2]))
-    for x, y, z, r in scatter(2, 22, -5.1, -2.2, -2.6, 1.5):
+    for x, y, z, r in scatter(12, 22, -5.1, -2.2, -2.6, 1.5):
         size = 0.24 + 0.3 * r[0] ** 2
         out.append(instance(f"stone{int(r[1] * 3)}", (x, y, z + 0.45 * size), (size * 1.3, size, size * 0.85), r[2]))
     for x, y, z, r in scatter(3, 26, 1.5, 5.2, 0.9, 1.6):
@@ -247,7 +247,8 @@ def make_instances():
         out.append(instance(f"stone{int(r[1] * 3)}", (x, y, z + 0.3 * size), (size * 1.3, size, size * 0.8), r[2]))
 
     # Firs on the hill, three autumn trees, grass wherever it is dry.
-    stood = []
+    autumn = [(-3.1, 2.1, 1.75, 0.1), (-4.55, 2.35, 2.0, 0.6), (-1.45, 2.35, 1.5, 0.35)]
+    stood = [(x, y) for x, y, _, _ in autumn]
     for x, y, z, r in scatter(4, 400, -5.2, 5.2, 1.75, 2.85):
         wanted = 0.8 if x > 1.8 else 0.12
         if r[3] > wanted or near_building(x, y, 0.25) or z < 1.8 + 0.6 * smooth(0, 2, x):
@@ -256,7 +257,7 @@ def make_instances():
             continue
         stood.append((x, y))
         out.append(instance("fir", (x, y, z - 0.05), 1.0 + 0.75 * r[0], r[1]))
-    for x, y, size, turn in [(-3.1, 2.1, 1.75, 0.1), (-4.55, 2.35, 2.0, 0.6), (-1.45, 2.35, 1.5, 0.35)]:
+    for x, y, size, turn in autumn:
         out.append(instance("autumn", (x, y, terrain(x, y) - 0.05), size, turn))
     for x, y, z, r in scatter(5, 1500, -5.4, 5.4, 0.9, 2.95):
         level = UP if x > 0.5 else DOWN
@@ -405,9 +406,9 @@ def make_ground():
     def value(u, v):
         x, y = lerp(-HALF_X, HALF_X, u), lerp(HALF_Y, -HALF_Y, v)
         z = terrain(x, y)
-        level = lerp(DOWN, UP, smooth(-1.6, 0.2, x))
+        level = water(x, min(y, 1.2))
         n = 0.6 * fbm(x * 2.2, y * 2.2, 4, 20, 0.65) + 0.25 * noise(x * 14, y * 14, 21)
-        dry = smooth(level - 0.1, level + 0.3, z + 0.12 * n)
+        dry = smooth(level - 0.06, level + 0.14, z + 0.08 * n)
         wet = 0.22 + 0.3 * n
         return lerp(wet, 0.78 + 0.3 * n, dry)
 
@@ -546,7 +547,7 @@ def sky(d):
     azimuth, height = math.atan2(d[0], d[1]), math.degrees(math.asin(clamp(d[2], -1, 1)))
     to_sun = math.acos(clamp(sum(a * b for a, b in zip(d, SUN)), -1, 1))
     warm = math.exp(-((to_sun / 0.9) ** 2))
-    c = ramp([(0, (1.3, 0.9, 0.6)), (2.5, (1.02, 0.84, 0.74)), (6, (0.5, 0.62, 0.86)), (20, (0.3, 0.47, 0.82)), (90, (0.2, 0.36, 0.72))], max(height, 0))
+    c = ramp([(0, (1.25, 0.85, 0.56)), (2, (1.0, 0.8, 0.7)), (5, (0.5, 0.6, 0.84)), (20, (0.3, 0.47, 0.82)), (90, (0.2, 0.36, 0.72))], max(height, 0))
     c = mix(c, (1.5, 1.1, 0.72), 0.55 * warm)
     if height > -2:
         # Clouds lie on a plane above: they shrink towards the horizon.
@@ -563,9 +564,10 @@ def sky(d):
         lake = ramp([(0, (0.8, 0.68, 0.6)), (4, (0.5, 0.55, 0.62)), (9, (0.3, 0.38, 0.47)), (16, (0.24, 0.3, 0.36)), (30, (0.17, 0.15, 0.13)), (90, (0.14, 0.12, 0.1))], -height)
         lake = tuple(v * (1 + 0.12 * noise(azimuth * 9, height * 1.6, 60)) for v in lake)
         c = lake
+    # Their edges are wider than two texels: a map is read without interpolation.
     for k, (top, rough, foot, colour, haze) in enumerate(HILLS):
-        ridge = top + rough * fbm(3.4 * (1 + k) * x + 9, 3.4 * (1 + k) * y, 4, 50 + k)
-        inside = smooth(-0.2, 0.2, ridge - height) * smooth(foot - 0.35, foot + 0.1, height)
+        ridge = top + rough * fbm(3.4 * (1 + k) * x + 9, 3.4 * (1 + k) * y, 3, 50 + k)
+        inside = smooth(-1.1, 1.1, ridge - height) * smooth(foot - 0.9, foot + 0.9, height)
         c = mix(c, mix(colour, haze, 0.75 * smooth(0, 4.5, ridge - height)), inside)
     return c
 
