@@ -531,8 +531,8 @@ def make_drawings():
     for y in range(d.h):
         row = []
         for x in range(d.w):
-            paper = 0.16 + 0.12 * noise(x / 90, y / 90, 30) if x % 2 == 0 or not row else row[-1] / 23
-            row.append(round(23 * (d.ink[y][x] * 0.95 if d.ink[y][x] > 0.3 else clamp(paper + 0.5 * d.ink[y][x]))))
+            paper = 0.16 + 0.12 * noise(x / 90, y / 90, 30)
+            row.append(round(23 * max(0.95 * d.ink[y][x], clamp(paper + 0.5 * d.ink[y][x]))))
         rows.append(row)
     write_png("blueprint.png", d.w, d.h, rows, ramp_palette([(0, (14, 44, 96)), (0.3, (30, 72, 134)), (1, (232, 240, 246))], 24))
 
