@@ -7,6 +7,7 @@
 #   WAIT=60                        seconds to wait, before each run, for other processes to let go
 #   PEERS_ROOT=target/peers        where the other renderers and the scenes are, or will be put
 #   PEERS_SCRIPTS=../shared/peers  scripts that set up and run the other renderers
+#   EB_ROBUST=1, EB_HIGH=1         bare Embree in robust mode, or over a tree of high build quality
 #
 # Invariant: every ratio compares runs of one round, on 2 threads each, at equal samples per pixel.
 # Never: changes a scene or another renderer, nor compares with a number from another day.
