@@ -8,3 +8,4 @@
 
 mod cli;
 mod embree_abi;
+mod order;
