@@ -6,6 +6,12 @@
 //! Never: needs a network. What needs `../shared` (or `$WEIR_SHARED`) says what it left out.
 #![cfg(feature = "embree")]
 
+mod support;
+
+mod known;
+
+mod significance;
+
 mod cli;
 mod embree_abi;
 mod order;
