@@ -6,5 +6,6 @@ mod direct;
 mod environment;
 mod film;
 mod furnace;
+mod media;
 mod shapes;
 mod sides;
