@@ -7,5 +7,6 @@ mod environment;
 mod film;
 mod furnace;
 mod media;
+mod placement;
 mod shapes;
 mod sides;
