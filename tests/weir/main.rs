@@ -10,6 +10,9 @@ mod support;
 
 mod known;
 
+mod determinism;
+mod estimators;
+mod references;
 mod significance;
 
 mod cli;

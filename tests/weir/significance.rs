@@ -51,6 +51,12 @@ impl Runs {
         self.assert_mean(mean(expected), resolution, what);
     }
 
+    /// Mean over pixels of the variance of their mean.
+    pub(crate) fn noise(&self) -> f64 {
+        let columns = self.columns();
+        columns.iter().map(|c| c.variance).sum::<f64>() / columns.len() as f64
+    }
+
     /// The mean over runs of one pixel.
     pub(crate) fn mean_of(&self, pixel: usize) -> f64 {
         self.column(pixel).mean

@@ -31,7 +31,7 @@ fn centroid(text: &str) -> (f64, f64) {
 
 #[track_caller]
 fn check(camera: &str, size: (u32, u32), at: [f64; 3], radius: f64, expected: (f64, f64)) {
-    let text = head(camera, Frame { size, spp: 256, max_depth: 0 }) + &lamp(at, radius);
+    let text = head(camera, Frame { size, spp: 64, max_depth: 0 }) + &lamp(at, radius);
     let got = centroid(&text);
     // A sphere off the axis is seen as an ellipse whose centre is a little outside its own.
     let near = (got.0 - expected.0).abs() < 0.1 && (got.1 - expected.1).abs() < 0.1;
@@ -87,13 +87,16 @@ fn equirectangular_positions() {
 /// Clarberg's square (see `environment`): its centre is the camera's +y, the right is +x, the bottom +z.
 #[test]
 fn equal_area_positions() {
-    for (at, to) in [
-        ([0.0, 5.0, 0.0], (16.0, 16.0)),
-        ([3.5, 3.5, 0.0], (16.0 + 16.0 * (1.0 - 0.5f64.sqrt()).sqrt(), 16.0)),
-        ([-3.5, 3.5, 0.0], (16.0 - 16.0 * (1.0 - 0.5f64.sqrt()).sqrt(), 16.0)),
-        ([0.0, 3.5, 3.5], (16.0, 16.0 + 16.0 * (1.0 - 0.5f64.sqrt()).sqrt())),
-    ] {
-        check("Camera \"spherical\"", (32, 32), at, 0.2, to);
+    // Off the square's diagonals' folds: where x and z are alike, u = v = √(1 − y)/2.
+    let (up, out) = (4.0f64, (0.5 * (25.0f64 - 16.0)).sqrt());
+    let step = 64.0 * 0.5 * (1.0 - up / 5.0).sqrt();
+    check("Camera \"spherical\"", (128, 128), [0.0, 5.0, 0.0], 0.2, (64.0, 64.0));
+    for (x, z) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+        let above = (64.0 + x * step, 64.0 + z * step);
+        check("Camera \"spherical\"", (128, 128), [x * out, up, z * out], 0.2, above);
+        // Below the horizon the square is folded outwards.
+        let below = (64.0 + x * (64.0 - step), 64.0 + z * (64.0 - step));
+        check("Camera \"spherical\"", (128, 128), [x * out, -up, z * out], 0.2, below);
     }
     // All directions have the same weight: a cap's share of the image is its share of the sphere.
     let (distance, radius) = (5.0, 2.0);
