@@ -4,7 +4,7 @@
 //! Invariant: the picture depends on the scene, the settings and the seed, never on the number of
 //! threads or on which of them was faster.
 
-use crate::accel::embree::{BuildOptions, EmbreeScene};
+use crate::accel::embree::{BuildOptions, EmbreeDevice, EmbreeScene};
 use crate::accel::{Accel, NONE};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -89,14 +89,15 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     let build_start = Instant::now();
     let options = BuildOptions { robust: settings.robust, threads };
     let (world_geometry, objects, instances) = geometry.for_backend();
-    let accel = EmbreeScene::new(&world_geometry, &objects, &instances, &geometry, options)?;
+    let device = EmbreeDevice::new()?;
+    let accel = EmbreeScene::new(&device, &world_geometry, &objects, &instances, &geometry, options)?;
     stats.time.build_s = build_start.elapsed().as_secs_f64();
     stats.plan.bytes.geometry = geometry.bytes() + accel.bytes();
     stats.plan.bytes.textures = textures.store().bytes() as u64;
 
     let materials = Materials::new(scene, &textures, &tables);
     let lights = Lights::new(scene, &geometry, &textures, environments);
-    let emitters = emitters_only(&geometry, &lights, options)?;
+    let emitters = emitters_only(&device, &geometry, &lights)?;
     let shading = shading(&geometry, &materials, &lights);
     let spp = settings.spp.unwrap_or(scene.spp).max(1);
     let roulette = settings.roulette.unwrap_or(true);
@@ -155,7 +156,7 @@ pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Con
     stats.memory.peak_accounted =
         geometry.bytes() + accel.bytes() + textures.store().bytes() as u64 + job.buffer.bytes();
     stats.settings = stats::EffectiveSettings {
-        backend: format!("embree {}", accel.version()),
+        backend: format!("embree {}", device.version()),
         spp,
         seed: job.seed,
         max_depth: world.max_depth,
@@ -228,15 +229,15 @@ impl Opacity for TextureOpacity {
 /// A scene of the emitting surfaces alone, for the last ray of a path; worth having where they are
 /// few beside the rest, and possible where no instance emits and no mask lets rays through.
 fn emitters_only<'g>(
+    device: &Arc<EmbreeDevice>,
     geometry: &'g SceneGeometry,
     lights: &Lights,
-    options: BuildOptions,
 ) -> Result<Option<EmbreeScene<'g>>> {
     if lights.emitters.is_empty() {
         return Ok(None);
     }
     let emitting = geometry.describe_emitters();
-    Ok(Some(EmbreeScene::new(&emitting, &[], &[], geometry, options)?))
+    Ok(Some(EmbreeScene::new(device, &emitting, &[], &[], geometry, BuildOptions { robust: false, threads: 1 })?))
 }
 
 fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {

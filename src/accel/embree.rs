@@ -12,6 +12,7 @@ use embree4_sys as rtc;
 use glam::Vec3;
 use std::ffi::{c_int, c_uint, c_void};
 use std::marker::PhantomData;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 /// Mirrors what a geometry's callbacks need; boxed so that its address is stable.
@@ -21,15 +22,26 @@ struct User<'a> {
     alpha: bool,
 }
 
+/// An Embree device, and the bytes its memory monitor counts. One serves all scenes of a render:
+/// with two, TBB's idle workers of the one were seen to spin while the other traced.
+pub struct EmbreeDevice {
+    handle: rtc::RTCDevice,
+    /// Boxed, the callback holds its address.
+    bytes: Box<AtomicI64>,
+}
+
+// SAFETY: device calls made here are thread-safe (Embree API reference, "rtcNewDevice").
+unsafe impl Send for EmbreeDevice {}
+// SAFETY: as above; the counter is atomic.
+unsafe impl Sync for EmbreeDevice {}
+
 /// A committed world.
 pub struct EmbreeScene<'a> {
-    device: rtc::RTCDevice,
+    device: Arc<EmbreeDevice>,
     world: rtc::RTCScene,
     objects: Vec<rtc::RTCScene>,
     /// Geometries of the world scene; ids from here on are instances.
     geometry_count: u32,
-    /// Bytes that Embree's memory monitor reports; boxed, the callback holds its address.
-    bytes: Box<AtomicI64>,
     /// Callback data, referred to by raw pointers inside Embree.
     _users: Vec<Box<User<'a>>>,
     /// The vertex memory that Embree shares.
@@ -51,51 +63,120 @@ pub struct BuildOptions {
     pub threads: usize,
 }
 
+impl EmbreeDevice {
+    /// Opens Embree without worker threads of its own: ours build and trace.
+    ///
+    /// # Errors
+    /// [`Error::Resource`] when Embree is older than 4.3 or newer than 4.
+    pub fn new() -> Result<Arc<Self>> {
+        // SAFETY: the string is NUL-terminated and static.
+        let handle = unsafe { rtc::rtcNewDevice(c"threads=1,set_affinity=0".as_ptr()) };
+        if handle.is_null() {
+            return Err(Error::Resource("Embree could not create a device".into()));
+        }
+        let device = Self { handle, bytes: Box::new(AtomicI64::new(0)) };
+        let v = device.version_number();
+        if !(40300..50000).contains(&v) {
+            return Err(Error::Resource(format!(
+                "Embree {} is loaded; Weir needs 4.3 or later, below 5 (run `make embree`)",
+                device.version()
+            )));
+        }
+        // SAFETY: the counter is boxed and freed only after the device is released in `drop`.
+        unsafe {
+            rtc::rtcSetDeviceMemoryMonitorFunction(
+                handle,
+                Some(memory_monitor),
+                std::ptr::from_ref::<AtomicI64>(&device.bytes).cast_mut().cast(),
+            );
+        }
+        Ok(Arc::new(device))
+    }
+
+    fn version_number(&self) -> isize {
+        // SAFETY: the device is live.
+        unsafe { rtc::rtcGetDeviceProperty(self.handle, rtc::RTC_DEVICE_PROPERTY_VERSION) }
+    }
+
+    /// Embree's version as it prints it.
+    #[must_use]
+    pub fn version(&self) -> String {
+        let v = self.version_number();
+        format!("{}.{}.{}", v / 10000, v / 100 % 100, v % 100)
+    }
+
+    /// Bytes that all scenes of this device hold.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes.load(Ordering::Relaxed).max(0).unsigned_abs()
+    }
+
+    fn check(&self, doing: &str) -> Result<()> {
+        // SAFETY: the device is live.
+        let e = unsafe { rtc::rtcGetDeviceError(self.handle) };
+        match e {
+            rtc::RTC_ERROR_NONE => Ok(()),
+            rtc::RTC_ERROR_OUT_OF_MEMORY => Err(Error::Resource(format!("out of memory while {doing}"))),
+            e => Err(Error::Resource(format!("Embree reports error {e} while {doing}"))),
+        }
+    }
+}
+
+impl Drop for EmbreeDevice {
+    fn drop(&mut self) {
+        // SAFETY: ours, released once; scenes hold an `Arc` of it and are gone.
+        unsafe { rtc::rtcReleaseDevice(self.handle) };
+    }
+}
+
+/// Builds a scene with `threads` of ours.
+fn commit(scene: rtc::RTCScene, threads: usize) {
+    /// A scene's handle on its way to another thread.
+    struct Handle(rtc::RTCScene);
+    // SAFETY: Embree allows any number of threads to join one commit.
+    unsafe impl Send for Handle {}
+    std::thread::scope(|scope| {
+        for _ in 1..threads {
+            let handle = Handle(scene);
+            scope.spawn(move || {
+                let handle = handle;
+                // SAFETY: the scene is live until the scope ends.
+                unsafe { rtc::rtcJoinCommitScene(handle.0) };
+            });
+        }
+        // SAFETY: the scene is live.
+        unsafe { rtc::rtcJoinCommitScene(scene) };
+    });
+}
+
 impl<'a> EmbreeScene<'a> {
     /// Builds acceleration structures over `world` and `objects`, with `instances` of the latter.
     ///
     /// # Errors
-    /// [`Error::Resource`] when Embree is older than 4.3, newer than 4, or out of memory.
+    /// [`Error::Resource`] when Embree runs out of memory.
     pub fn new(
+        device: &Arc<EmbreeDevice>,
         world: &[Geometry<'a>],
         objects: &[Vec<Geometry<'a>>],
         instances: &[InstanceOf],
         custom: &'a dyn Custom,
         options: BuildOptions,
     ) -> Result<Self> {
-        let config = format!("threads={},set_affinity=0\0", options.threads.max(1));
-        // SAFETY: the string is NUL-terminated and outlives the call.
-        let device = unsafe { rtc::rtcNewDevice(config.as_ptr().cast()) };
-        if device.is_null() {
-            return Err(Error::Resource("Embree could not create a device".into()));
-        }
-        let bytes = Box::new(AtomicI64::new(0));
         let mut scene = Self {
-            device,
+            device: Arc::clone(device),
             world: std::ptr::null_mut(),
             objects: Vec::with_capacity(objects.len()),
             geometry_count: c_uint::try_from(world.len()).expect("ids are u32"),
-            bytes,
             _users: Vec::new(),
             _shared: PhantomData,
         };
-        scene.check_version()?;
-        // SAFETY: the counter is boxed and freed only after the device is released in `drop`.
-        unsafe {
-            rtc::rtcSetDeviceMemoryMonitorFunction(
-                device,
-                Some(memory_monitor),
-                std::ptr::from_ref::<AtomicI64>(&scene.bytes).cast_mut().cast(),
-            );
-        }
         for object in objects {
             let s = scene.new_scene(options);
             scene.objects.push(s);
             for g in object {
                 scene.attach(s, g, custom)?;
             }
-            // SAFETY: `s` is a live scene made above.
-            unsafe { rtc::rtcCommitScene(s) };
+            commit(s, options.threads);
         }
         scene.world = scene.new_scene(options);
         for g in world {
@@ -104,47 +185,14 @@ impl<'a> EmbreeScene<'a> {
         for i in instances {
             scene.attach_instance(i);
         }
-        // SAFETY: the world scene is live.
-        unsafe { rtc::rtcCommitScene(scene.world) };
-        scene.check("building the acceleration structure")?;
+        commit(scene.world, options.threads);
+        device.check("building the acceleration structure")?;
         Ok(scene)
-    }
-
-    fn check_version(&self) -> Result<()> {
-        // SAFETY: the device is live.
-        let v = unsafe { rtc::rtcGetDeviceProperty(self.device, rtc::RTC_DEVICE_PROPERTY_VERSION) };
-        if !(40300..50000).contains(&v) {
-            return Err(Error::Resource(format!(
-                "Embree {}.{}.{} is loaded; Weir needs 4.3 or later, below 5 (run `make embree`)",
-                v / 10000,
-                v / 100 % 100,
-                v % 100
-            )));
-        }
-        Ok(())
-    }
-
-    /// Embree's version as it prints it.
-    #[must_use]
-    pub fn version(&self) -> String {
-        // SAFETY: the device is live.
-        let v = unsafe { rtc::rtcGetDeviceProperty(self.device, rtc::RTC_DEVICE_PROPERTY_VERSION) };
-        format!("{}.{}.{}", v / 10000, v / 100 % 100, v % 100)
-    }
-
-    fn check(&self, doing: &str) -> Result<()> {
-        // SAFETY: the device is live.
-        let e = unsafe { rtc::rtcGetDeviceError(self.device) };
-        match e {
-            rtc::RTC_ERROR_NONE => Ok(()),
-            rtc::RTC_ERROR_OUT_OF_MEMORY => Err(Error::Resource(format!("out of memory while {doing}"))),
-            e => Err(Error::Resource(format!("Embree reports error {e} while {doing}"))),
-        }
     }
 
     fn new_scene(&self, options: BuildOptions) -> rtc::RTCScene {
         // SAFETY: the device is live.
-        let s = unsafe { rtc::rtcNewScene(self.device) };
+        let s = unsafe { rtc::rtcNewScene(self.device.handle) };
         if options.robust {
             // SAFETY: `s` was made above.
             unsafe { rtc::rtcSetSceneFlags(s, rtc::RTC_SCENE_FLAG_ROBUST) };
@@ -158,7 +206,7 @@ impl<'a> EmbreeScene<'a> {
             Geometry::Custom { .. } => rtc::RTC_GEOMETRY_TYPE_USER,
         };
         // SAFETY: the device is live.
-        let geometry = unsafe { rtc::rtcNewGeometry(self.device, kind) };
+        let geometry = unsafe { rtc::rtcNewGeometry(self.device.handle, kind) };
         match *g {
             Geometry::Triangles { positions, indices, alpha } => {
                 Self::share(geometry, positions, indices);
@@ -191,7 +239,7 @@ impl<'a> EmbreeScene<'a> {
         unsafe { rtc::rtcAttachGeometry(scene, geometry) };
         // SAFETY: the scene holds its own reference now.
         unsafe { rtc::rtcReleaseGeometry(geometry) };
-        self.check("adding geometry")
+        self.device.check("adding geometry")
     }
 
     fn share(geometry: rtc::RTCGeometry, positions: &'a [[f32; 3]], indices: &'a [[u32; 3]]) {
@@ -235,7 +283,7 @@ impl<'a> EmbreeScene<'a> {
 
     fn attach_instance(&self, instance: &InstanceOf) {
         // SAFETY: the device is live.
-        let g = unsafe { rtc::rtcNewGeometry(self.device, rtc::RTC_GEOMETRY_TYPE_INSTANCE) };
+        let g = unsafe { rtc::rtcNewGeometry(self.device.handle, rtc::RTC_GEOMETRY_TYPE_INSTANCE) };
         // SAFETY: the object's scene is committed and kept in `objects`.
         unsafe { rtc::rtcSetGeometryInstancedScene(g, self.objects[instance.object as usize]) };
         // SAFETY: twelve floats, column-major, as the format says.
@@ -266,8 +314,6 @@ impl Drop for EmbreeScene<'_> {
             // SAFETY: ours, released once.
             unsafe { rtc::rtcReleaseScene(s) };
         }
-        // SAFETY: ours, released once, after all scenes.
-        unsafe { rtc::rtcReleaseDevice(self.device) };
     }
 }
 
@@ -328,7 +374,7 @@ impl Accel for EmbreeScene<'_> {
     }
 
     fn bytes(&self) -> u64 {
-        self.bytes.load(Ordering::Relaxed).max(0).unsigned_abs()
+        self.device.bytes()
     }
 
     fn bounds(&self) -> (Vec3, Vec3) {
@@ -359,7 +405,7 @@ fn ray_of(r: &rtc::RTCRay) -> Ray {
 unsafe extern "C" fn custom_bounds(args: *const rtc::RTCBoundsFunctionArguments) {
     // SAFETY: Embree passes valid arguments.
     let args = unsafe { &*args };
-    // SAFETY: the pointer was set by `set_user` and its box lives as long as the device.
+    // SAFETY: the pointer was set by `set_user` and its box lives as long as the scene.
     let user = unsafe { &*args.geometryUserPtr.cast_const().cast::<User<'_>>() };
     let (lo, hi) = user.custom.bounds(user.name, args.primID);
     // SAFETY: Embree passes a valid output record.

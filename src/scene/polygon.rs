@@ -31,7 +31,7 @@ fn project(corners: &[[f32; 3]]) -> Option<Vec<DVec2>> {
     let normal = (0..p.len()).fold(DVec3::ZERO, |n, i| n + (p[i] - p[0]).cross(p[(i + 1) % p.len()] - p[0]));
     let a = normal.abs();
     let sign = |v: f64| if v < 0.0 { -1.0 } else { 1.0 };
-    if !(a.max_element() > 0.0) || !normal.is_finite() {
+    if normal == DVec3::ZERO || !normal.is_finite() {
         return None;
     }
     // Dropping the largest axis keeps the order of corners up to a mirror, which `sign` undoes.

@@ -49,7 +49,7 @@ pub(super) fn add_camera_and_lights(scene: &mut SceneDescription) {
         camera_to_world: look(eye, dir),
         ..Camera::default()
     };
-    if !(room && !scene.area_lights.is_empty()) {
+    if !room || scene.area_lights.is_empty() {
         add_sky(scene, dir);
     }
 }

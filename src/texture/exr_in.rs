@@ -5,6 +5,7 @@
 //! Invariant: every size of the header is held against the file's length and our bound before a
 //! pixel is decoded; a damaged header once asked for 85 GB. Never reads a part or level twice.
 
+use super::contain;
 use super::image_io::{ImageData, MAX_DECODED_BYTES, Pixels, check_size, one_line};
 use crate::error::{Error, Result};
 use exr::block::UncompressedBlock;
@@ -26,6 +27,7 @@ const BATCH: usize = 32;
 /// Reads `file`, which is `file_bytes` long and has the signature of an EXR.
 pub(super) fn read(path: &Path, file: File, file_bytes: u64) -> Result<ImageData> {
     let bad = |e: exr::error::Error| Error::file(path, format!("EXR: {}", one_line(&e.to_string())));
+    let gave_up = || Error::file(path, "EXR: damaged: its decoder gave up");
     let reader = Reader::read_from_buffered(BufReader::with_capacity(1 << 16, file), false).map_err(bad)?;
     let headers = reader.headers();
     let mut chunks = 0u64;
@@ -84,10 +86,11 @@ pub(super) fn read(path: &Path, file: File, file_bytes: u64) -> Result<ImageData
             }
             let blocks: Vec<_> = batch
                 .into_par_iter()
-                .map(|chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false))
+                .map(|chunk| contain::panics(|| UncompressedBlock::decompress_chunk(chunk, &meta, false)))
                 .collect();
             for block in blocks {
-                sink(&mut target, &block.map_err(bad)?)?;
+                let block = block.ok_or_else(gave_up)?.map_err(bad)?;
+                sink(&mut target, &block)?;
             }
         }
     };

@@ -7,7 +7,7 @@
 //! transfer curve.
 
 use super::encoding;
-use super::{exr_in, pfm};
+use super::{contain, exr_in, pfm};
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
 use half::f16;
@@ -15,7 +15,6 @@ use image::{ColorType, ImageDecoder, ImageError, ImageFormat, ImageReader, Limit
 use rayon::prelude::*;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// Most bytes that one decoded image may take: 4 GiB.
@@ -115,9 +114,7 @@ pub fn read_image(path: &Path) -> Result<ImageData> {
     let mut magic = Vec::with_capacity(4);
     file.by_ref().take(4).read_to_end(&mut magic).map_err(io)?;
     file.rewind().map_err(io)?;
-    // The decoders are other people's; should damage find a panic in one, it is still the file's
-    // fault and not a reason to lose the render.
-    let decoded = catch_unwind(AssertUnwindSafe(|| match magic[..] {
+    let decoded = contain::panics(|| match magic[..] {
         [] => Err(Error::file(path, "the file is empty; an image is needed")),
         [0x76, 0x2f, 0x31, 0x01] => exr_in::read(path, file, meta.len()),
         [b'P', b'F' | b'f', b, ..] if b.is_ascii_whitespace() => {
@@ -129,8 +126,8 @@ pub fn read_image(path: &Path) -> Result<ImageData> {
             pfm::read(path, &bytes)
         }
         _ => read_common(path, file, meta.len()),
-    }));
-    decoded.unwrap_or_else(|_| Err(Error::file(path, "damaged: its decoder gave up")))
+    });
+    decoded.unwrap_or_else(|| Err(Error::file(path, "damaged: its decoder gave up")))
 }
 
 fn read_common(path: &Path, file: File, file_bytes: u64) -> Result<ImageData> {

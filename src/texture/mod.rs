@@ -3,6 +3,7 @@
 //! without anyone noticing. Never decides what is needed; `prepare` says so by
 //! [`ImageNeeds`](crate::prepare::ImageNeeds).
 
+mod contain;
 mod encoding;
 mod eval;
 mod exr_in;

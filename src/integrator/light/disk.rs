@@ -4,9 +4,8 @@
 use super::ShapeSample;
 use super::placed::{Placed, sweep};
 use crate::math::Transform;
-use crate::math::warp::concentric_disk;
 use glam::{Vec2, Vec3};
-use std::f32::consts::TAU;
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 /// A disk or annulus, pbrt's parameters.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +15,22 @@ pub struct Disk {
     radius: f32,
     inner_radius: f32,
     phi_max: f32,
+}
+
+/// The concentric map (Shirley and Chiu 1997) in polar coordinates, which `warp::concentric_disk`
+/// would have to take an arctangent for: (r, φ in [0, 2π)).
+#[inline]
+fn concentric_polar(u: Vec2) -> (f32, f32) {
+    let o = u * 2.0 - Vec2::ONE;
+    let (r, phi) = if o.x.abs() > o.y.abs() {
+        (o.x, FRAC_PI_4 * (o.y / o.x))
+    } else if o.y != 0.0 {
+        (o.y, FRAC_PI_2 - FRAC_PI_4 * (o.x / o.y))
+    } else {
+        (0.0, 0.0)
+    };
+    let phi = if r < 0.0 { phi + PI } else { phi };
+    (r.abs(), if phi < 0.0 { phi + TAU } else { phi })
 }
 
 impl Disk {
@@ -51,16 +66,15 @@ impl Disk {
     #[inline]
     #[must_use]
     pub fn sample(&self, p: Vec3, u: Vec2) -> Option<ShapeSample> {
-        let (at, r, phi) = if self.inner_radius == 0.0 && self.phi_max >= TAU {
-            let at = concentric_disk(u) * self.radius;
-            let phi = at.y.atan2(at.x);
-            (at, at.length(), if phi < 0.0 { phi + TAU } else { phi })
+        let (r, phi) = if self.inner_radius == 0.0 && self.phi_max >= TAU {
+            let (r, phi) = concentric_polar(u);
+            (r * self.radius, phi)
         } else {
             let (r0, r1) = (self.inner_radius * self.inner_radius, self.radius * self.radius);
-            let r = (r0 + u.y * (r1 - r0)).sqrt();
-            let phi = u.x * self.phi_max;
-            (Vec2::new(phi.cos(), phi.sin()) * r, r, phi)
+            ((r0 + u.y * (r1 - r0)).sqrt(), u.x * self.phi_max)
         };
+        let (sin, cos) = phi.sin_cos();
+        let at = Vec2::new(cos, sin) * r;
         let v = (self.radius - r) / (self.radius - self.inner_radius);
         let parameters = Vec2::new(phi / self.phi_max, v);
         self.placed.sample(p, at.extend(self.height), Vec3::Z, self.pdf_area(), parameters)
@@ -80,7 +94,6 @@ mod tests {
     use super::super::testing::{check_irradiance, check_shape};
     use super::*;
     use glam::{DMat4, DVec3};
-    use std::f32::consts::PI;
 
     #[test]
     fn irradiance_of_a_facing_disk_is_known() {

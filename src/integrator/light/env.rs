@@ -85,7 +85,7 @@ impl EnvironmentMap {
             .as_mat3();
         let mut replaced = 0;
         for texel in &mut texels {
-            if texel.iter().any(|&c| !(c >= 0.0 && c < f32::INFINITY)) {
+            if texel.iter().any(|c| !(0.0..f32::INFINITY).contains(c)) {
                 // One bad channel leaves the others in doubt, but a hole would show more.
                 *texel = texel.map(|c| if c > 0.0 && c < f32::INFINITY { c } else { 0.0 });
                 replaced += 1;

@@ -1,12 +1,13 @@
 //! Chooses among thousands of lights by what they may send to a point: a binary tree over the
-//! lights' places, powers and emission cones (Conty Estevez and Kulla 2018; pbrt 4th ed., §12.6.3).
+//! lights' places, powers and emission cones (Conty Estevez and Kulla 2018; pbrt 4th ed., §12.6.3),
+//! two levels of which are stored as one node of four children.
 //!
 //! Invariants: a light that can send anything to a point has a positive probability there, since
 //! each node's sphere and cones contain its lights' after rounding; and `pmf` repeats the very
 //! arithmetic of `sample`. Never holds lights at infinity.
 
-use crate::math::safe_sqrt;
-use glam::{Vec2, Vec3};
+use super::tree_build::split;
+use glam::{Vec3, Vec4};
 
 /// What the tree needs to know of a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -122,131 +123,119 @@ fn union_cones(a: Vec3, cos_a: f32, b: Vec3, cos_b: f32) -> (Vec3, f32) {
     (axis.normalize_or(a), theta.cos())
 }
 
-/// A node: half a cache line, its sibling beside it.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-struct Node {
-    center: [f32; 3],
-    radius: f32,
-    power: f32,
-    /// Octahedral axis, 16 bits each.
-    axis: u32,
-    /// sin(θₒ/2) in 16 bits, sin(θₑ/2) in 15, two-sidedness on top; rounded up.
-    cones: u32,
-    /// A light with the top bit set, or a pair of children.
-    child: u32,
+/// Four siblings, by columns: one pass of 4-wide arithmetic weighs them all. An absent one has no
+/// power.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Quad {
+    x: Vec4,
+    y: Vec4,
+    z: Vec4,
+    /// Of the sphere around the node's box.
+    radius: Vec4,
+    /// Negative where emission is two-sided.
+    power: Vec4,
+    axis_x: Vec4,
+    axis_y: Vec4,
+    axis_z: Vec4,
+    cos_o: Vec4,
+    sin_o: Vec4,
+    cos_e: Vec4,
+    /// A light with the top bit set, or four children.
+    child: [u32; 4],
 }
 
-/// Two siblings.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C, align(64))]
-struct Pair([Node; 2]);
-
-const _: () = assert!(size_of::<Node>() == 32, "two siblings per cache line");
-const _: () = assert!(size_of::<Pair>() == 64, "two siblings per cache line");
+const _: () = assert!(size_of::<Quad>() == 192, "three cache lines for four children");
 
 const LEAF: u32 = 1 << 31;
-const TWO_SIDED: u32 = 1 << 31;
-/// Widening of the stored cones [rad]: 16-bit octahedral axes are off by at most 7e-5.
-const AXIS_SLACK: f32 = 1e-4;
-/// Widening of the emission angle [rad], for the roundings of [`Node::importance`].
+/// Widening of the normals' cones [rad]: a cosine near 1 knows its angle to 3.5e-4.
+const CONE_SLACK: f32 = 4e-4;
+/// Widening of the emission angle [rad], for the roundings of [`Quad::importance`].
 const EMISSION_SLACK: f32 = 5e-4;
-
-fn pack_axis(w: Vec3) -> u32 {
-    let o = w / (w.x.abs() + w.y.abs() + w.z.abs());
-    let mut p = Vec2::new(o.x, o.y);
-    if o.z < 0.0 {
-        p = Vec2::new((1.0 - o.y.abs()).copysign(o.x), (1.0 - o.x.abs()).copysign(o.y));
-    }
-    let q = ((p * 0.5 + 0.5) * 65534.0).round();
-    q.x as u32 | (q.y as u32) << 16
-}
-
-#[inline]
-fn unpack_axis(packed: u32) -> Vec3 {
-    let x = (packed & 0xffff) as f32 * (2.0 / 65534.0) - 1.0;
-    let y = (packed >> 16) as f32 * (2.0 / 65534.0) - 1.0;
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = (-z).max(0.0);
-    Vec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
-}
-
-/// sin(θ/2) rounded up to `steps`, θ given by its cosine and widened.
-fn pack_angle(cos: f32, slack: f32, steps: f32) -> u32 {
-    let theta = (cos.clamp(-1.0, 1.0).acos() + slack).min(std::f32::consts::PI);
-    ((0.5 * theta).sin() * steps).ceil().min(steps) as u32
-}
+/// Splits of the binary tree after which halves are forced; 64 bits of turns then serve 2³¹ lights.
+const FREE_DEPTH: u32 = 32;
 
 /// cos and sin of max(a − b, 0) for angles in [0, π].
-#[inline]
-fn subtract(sin_a: f32, cos_a: f32, sin_b: f32, cos_b: f32) -> (f32, f32) {
-    if cos_a > cos_b { (1.0, 0.0) } else { (cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b) }
+#[inline(always)]
+fn subtract(sin_a: Vec4, cos_a: Vec4, sin_b: Vec4, cos_b: Vec4) -> (Vec4, Vec4) {
+    let inside = cos_a.cmpgt(cos_b);
+    (
+        Vec4::select(inside, Vec4::ONE, cos_a * cos_b + sin_a * sin_b),
+        Vec4::select(inside, Vec4::ZERO, sin_a * cos_b - cos_a * sin_b),
+    )
 }
 
-impl Node {
-    fn new(b: &LightBounds, child: u32) -> Self {
-        let radius = 0.5 * (b.max - b.min).length();
-        let o = pack_angle(b.cos_theta_o, AXIS_SLACK, 65535.0);
-        let e = pack_angle(b.cos_theta_e, EMISSION_SLACK, 32767.0);
+/// The sine of an angle in [0, π] from its cosine.
+#[inline(always)]
+fn sine(cos: Vec4) -> Vec4 {
+    (Vec4::ONE - cos * cos).max(Vec4::ZERO).sqrt()
+}
+
+impl Quad {
+    fn new(nodes: &[LightBounds]) -> Self {
+        let column = |f: &dyn Fn(&LightBounds) -> f32, absent: f32| {
+            Vec4::from_array(std::array::from_fn(|i| nodes.get(i).map_or(absent, f)))
+        };
+        let widened = |cos: f32, slack: f32| (cos.clamp(-1.0, 1.0).acos() + slack).min(std::f32::consts::PI);
+        let theta_o = |b: &LightBounds| widened(b.cos_theta_o, CONE_SLACK);
+        // Upwards, past the roundings of centre and length.
+        let radius = |b: &LightBounds| {
+            let off = b.centroid().abs().max_element() * f32::EPSILON;
+            0.5 * (b.max - b.min).length() * (1.0 + 4.0 * f32::EPSILON) + off
+        };
         Self {
-            center: b.centroid().to_array(),
-            // Upwards, past the roundings of centre and length.
-            radius: radius * (1.0 + 4.0 * f32::EPSILON) + b.centroid().abs().max_element() * f32::EPSILON,
-            power: b.power,
-            axis: pack_axis(b.axis),
-            cones: o | e << 16 | if b.two_sided { TWO_SIDED } else { 0 },
-            child,
+            x: column(&|b| b.centroid().x, 0.0),
+            y: column(&|b| b.centroid().y, 0.0),
+            z: column(&|b| b.centroid().z, 0.0),
+            radius: column(&radius, 1.0),
+            power: column(&|b| if b.two_sided { -b.power } else { b.power }, 0.0),
+            axis_x: column(&|b| b.axis.x, 0.0),
+            axis_y: column(&|b| b.axis.y, 0.0),
+            axis_z: column(&|b| b.axis.z, 0.0),
+            cos_o: column(&|b| theta_o(b).cos(), 1.0),
+            sin_o: column(&|b| theta_o(b).sin().max(0.0), 0.0),
+            cos_e: column(&|b| widened(b.cos_theta_e, EMISSION_SLACK).cos(), 1.0),
+            child: [LEAF; 4],
         }
     }
 
-    /// A bound-like estimate of what the node sends to `p` with normal `n` (zero: no normal): power
+    /// An estimate, for each node, of what it sends to `p` with normal `n` (zero: no normal): power
     /// over squared distance, times the cosine of the least angle between the emission cone and the
     /// point, times the greatest cosine at the point. Positive wherever a light of it contributes.
     #[inline]
-    fn importance(&self, p: Vec3, n: Vec3) -> f32 {
-        let to = p - Vec3::from_array(self.center);
-        let d2 = to.length_squared();
+    fn importance(&self, p: Vec3, n: Vec3) -> Vec4 {
+        let (x, y, z) = (Vec4::splat(p.x) - self.x, Vec4::splat(p.y) - self.y, Vec4::splat(p.z) - self.z);
+        let d2 = x * x + y * y + z * z;
         let r2 = self.radius * self.radius;
-        if d2 == 0.0 && r2 == 0.0 {
-            return 0.0;
-        }
-        let inverse = if d2 > 0.0 { 1.0 / d2.sqrt() } else { 0.0 };
-        let w = to * inverse;
-        // The cone from the point around the node's sphere.
-        let (sin_b, cos_b) = if d2 > r2 {
-            let sin = self.radius * inverse;
-            (sin, safe_sqrt(1.0 - sin * sin))
-        } else {
-            (0.0, -1.0)
-        };
-        let cos_w = unpack_axis(self.axis).dot(w);
-        let cos_w = if self.cones & TWO_SIDED != 0 { cos_w.abs() } else { cos_w };
-        let sin_w = safe_sqrt(1.0 - cos_w * cos_w);
-        let half_o = (self.cones & 0xffff) as f32 * (1.0 / 65535.0);
-        let half_e = ((self.cones >> 16) & 0x7fff) as f32 * (1.0 / 32767.0);
-        let (cos_o, sin_o) = (1.0 - 2.0 * half_o * half_o, 2.0 * half_o * safe_sqrt(1.0 - half_o * half_o));
-        let cos_e = 1.0 - 2.0 * half_e * half_e;
-        let (cos_x, sin_x) = subtract(sin_w, cos_w, sin_o, cos_o);
+        let inverse = d2.max(Vec4::splat(f32::MIN_POSITIVE)).sqrt().recip();
+        // The cone from the point around the node's sphere; everything, from within it.
+        let outside = d2.cmpgt(r2);
+        let sin_b = self.radius * inverse;
+        let cos_b = Vec4::select(outside, sine(sin_b), Vec4::NEG_ONE);
+        let sin_b = Vec4::select(outside, sin_b, Vec4::ZERO);
+        let cos_w = (self.axis_x * x + self.axis_y * y + self.axis_z * z) * inverse;
+        let cos_w = Vec4::select(self.power.cmplt(Vec4::ZERO), cos_w.abs(), cos_w);
+        let (cos_x, sin_x) = subtract(sine(cos_w), cos_w, self.sin_o, self.cos_o);
         let (cos_emit, _) = subtract(sin_x, cos_x, sin_b, cos_b);
-        if cos_emit <= cos_e {
-            return 0.0;
-        }
         // Within the slack of a right angle the cosine may be negative: a light seen edge-on.
-        let mut importance = self.power * cos_emit.max(1e-4) / d2.max(r2);
+        let near = d2.max(r2).max(Vec4::splat(f32::MIN_POSITIVE));
+        let mut importance = self.power.abs() * cos_emit.max(Vec4::splat(1e-4)) / near;
         if n != Vec3::ZERO {
-            let cos_i = w.dot(n).abs();
-            let (cos_i, _) = subtract(safe_sqrt(1.0 - cos_i * cos_i), cos_i, sin_b, cos_b);
-            importance *= cos_i.max(1e-6);
+            let cos_i = ((x * n.x + y * n.y + z * n.z) * inverse).abs();
+            let (cos_i, _) = subtract(sine(cos_i), cos_i, sin_b, cos_b);
+            importance *= cos_i.max(Vec4::splat(1e-6));
         }
-        importance
+        // Two infinities would make no ratio.
+        let bounded = importance.min(Vec4::splat(1e30));
+        Vec4::select(cos_emit.cmpgt(self.cos_e), bounded, Vec4::ZERO)
     }
 }
 
 /// A tree over lights.
 pub struct LightTree {
-    root: Node,
-    pairs: Vec<Pair>,
-    /// For each light the turns from the root, lowest bit first; `None` for one without power.
+    quads: Vec<Quad>,
+    /// For each light the turns from the root, two bits each, lowest first; `None` for one without
+    /// power.
     trails: Vec<Option<u64>>,
 }
 
@@ -263,37 +252,50 @@ impl LightTree {
         }
         let bounds = items.iter().map(|&i| lights[i as usize]).reduce(|a, b| a.union(&b))?;
         let mut trails = vec![None; lights.len()];
-        let mut pairs = Vec::with_capacity(items.len().saturating_sub(1));
-        let mut root = Node::new(&bounds, 0);
-        // (range, its bounds, where the node's child link goes, turns so far, depth)
+        let mut quads: Vec<Quad> = Vec::with_capacity(items.len() / 2 + 1);
+        // (range, its bounds, whose child it is, turns so far, depth in quads)
         let mut tasks = vec![(0..items.len(), bounds, None::<(usize, usize)>, 0u64, 0u32)];
-        while let Some((range, bounds, place, trail, depth)) = tasks.pop() {
-            let link = if range.len() == 1 {
-                let light = items[range.start];
-                trails[light as usize] = Some(trail);
-                LEAF | light
-            } else {
-                let (middle, low, high) =
-                    super::tree_build::split(lights, &mut items[range.clone()], &bounds, depth >= 32);
-                let middle = range.start + middle;
-                let pair = pairs.len();
-                pairs.push(Pair([Node::new(&low, 0), Node::new(&high, 0)]));
-                tasks.push((middle..range.end, high, Some((pair, 1)), trail | 1 << depth, depth + 1));
-                tasks.push((range.start..middle, low, Some((pair, 0)), trail, depth + 1));
-                pair as u32
-            };
-            match place {
-                Some((pair, side)) => pairs[pair].0[side].child = link,
-                None => root.child = link,
+        while let Some((range, bounds, parent, trail, depth)) = tasks.pop() {
+            let halve = 2 * depth >= FREE_DEPTH;
+            // Two levels of binary splits make four children.
+            let mut parts = vec![(range, bounds)];
+            for _ in 0..2 {
+                parts = parts
+                    .into_iter()
+                    .flat_map(|(range, bounds)| {
+                        if range.len() == 1 {
+                            return vec![(range, bounds)];
+                        }
+                        let (at, low, high) = split(lights, &mut items[range.clone()], &bounds, halve);
+                        let at = range.start + at;
+                        vec![(range.start..at, low), (at..range.end, high)]
+                    })
+                    .collect();
+            }
+            let quad = quads.len();
+            if let Some((above, lane)) = parent {
+                quads[above].child[lane] = quad as u32;
+            }
+            let nodes: Vec<LightBounds> = parts.iter().map(|part| part.1).collect();
+            quads.push(Quad::new(&nodes));
+            for (lane, (range, bounds)) in parts.into_iter().enumerate() {
+                let trail = trail | (lane as u64) << (2 * depth);
+                if range.len() == 1 {
+                    let light = items[range.start];
+                    trails[light as usize] = Some(trail);
+                    quads[quad].child[lane] = LEAF | light;
+                } else {
+                    tasks.push((range, bounds, Some((quad, lane)), trail, depth + 1));
+                }
             }
         }
-        Some(Self { root, pairs, trails })
+        Some(Self { quads, trails })
     }
 
     /// Memory held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.pairs.len() * size_of::<Pair>() + self.trails.len() * size_of::<Option<u64>>()
+        self.quads.len() * size_of::<Quad>() + self.trails.len() * size_of::<Option<u64>>()
     }
 
     /// (light, its probability) by importance at `p` with unit normal `n`, either side of which may
@@ -302,28 +304,29 @@ impl LightTree {
     #[inline]
     #[must_use]
     pub fn sample(&self, p: Vec3, n: Vec3, mut u: f32) -> Option<(usize, f32)> {
-        let (mut child, mut pmf) = (self.root.child, 1.0);
-        if child & LEAF != 0 && self.root.importance(p, n) <= 0.0 {
-            return None;
-        }
+        let (mut child, mut pmf) = (0, 1.0);
         while child & LEAF == 0 {
-            let Pair([low, high]) = &self.pairs[child as usize];
-            let (a, b) = (low.importance(p, n), high.importance(p, n));
-            let sum = a + b;
+            let quad = &self.quads[child as usize];
+            let weights = quad.importance(p, n);
+            let sum = weights.element_sum();
             if sum <= 0.0 {
                 return None;
             }
-            let share = a / sum;
-            if u < share {
-                u /= share;
-                pmf *= share;
-                child = low.child;
-            } else {
-                u = (u - share) / (1.0 - share);
-                pmf *= b / sum;
-                child = high.child;
+            let weights = weights.to_array();
+            // The last positive one takes what rounding leaves over.
+            let (mut target, mut lane, mut rest) = (u * sum, 0, 0.0);
+            for (i, &w) in weights.iter().enumerate() {
+                if w > 0.0 {
+                    (lane, rest) = (i, target);
+                    if target < w {
+                        break;
+                    }
+                    target -= w;
+                }
             }
-            u = u.min(1.0 - f32::EPSILON / 2.0);
+            u = (rest / weights[lane]).clamp(0.0, 1.0 - f32::EPSILON / 2.0);
+            pmf *= weights[lane] / sum;
+            child = quad.child[lane];
         }
         Some(((child & !LEAF) as usize, pmf))
     }
@@ -333,21 +336,18 @@ impl LightTree {
     #[must_use]
     pub fn pmf(&self, p: Vec3, n: Vec3, light: usize) -> f32 {
         let Some(mut trail) = self.trails.get(light).copied().flatten() else { return 0.0 };
-        let (mut child, mut pmf) = (self.root.child, 1.0);
-        if child & LEAF != 0 {
-            return if self.root.importance(p, n) > 0.0 { 1.0 } else { 0.0 };
-        }
+        let (mut child, mut pmf) = (0, 1.0);
         while child & LEAF == 0 {
-            let Pair(pair) = &self.pairs[child as usize];
-            let both = [pair[0].importance(p, n), pair[1].importance(p, n)];
-            let side = (trail & 1) as usize;
-            // A positive share never meets a zero sum.
-            if both[side] <= 0.0 {
+            let quad = &self.quads[child as usize];
+            let weights = quad.importance(p, n);
+            let lane = (trail & 3) as usize;
+            // A positive weight never meets a zero sum.
+            if weights[lane] <= 0.0 {
                 return 0.0;
             }
-            pmf *= both[side] / (both[0] + both[1]);
-            child = pair[side].child;
-            trail >>= 1;
+            pmf *= weights[lane] / weights.element_sum();
+            child = quad.child[lane];
+            trail >>= 2;
         }
         pmf
     }

@@ -10,6 +10,9 @@ const BUCKETS: usize = 12;
 /// Below this many lights the middle of the longest side serves: the heuristic would cost more
 /// than the node is worth.
 const FEW: usize = 4;
+/// Below this many only the widest axis is tried: most nodes are small, and so a third of the time
+/// is saved where the choice matters least.
+const SOME: usize = 32;
 
 /// Measure of the directions that a cone of normals emits into (Conty Estevez and Kulla 2018,
 /// eq. 1).
@@ -49,11 +52,13 @@ pub(super) fn split(
         let t = (centroid(i)[axis] - low[axis]) / extent[axis];
         ((t * BUCKETS as f32) as usize).min(BUCKETS - 1)
     };
-    let mut best: Option<(f32, usize, usize)> = None;
+    let widest = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
+    let mut best: Option<(f32, usize, usize, LightBounds, LightBounds)> = None;
     if items.len() > FEW && !halve {
         let diagonal = bounds.max - bounds.min;
         for axis in 0..3 {
-            if extent[axis] <= 0.0 || !extent[axis].is_finite() {
+            let skip = items.len() < SOME && axis != widest;
+            if skip || extent[axis] <= 0.0 || !extent[axis].is_finite() {
                 continue;
             }
             let mut bins = [None; BUCKETS];
@@ -75,30 +80,24 @@ pub(super) fn split(
                 if let (Some(a), Some(b)) = (&below[at], &above) {
                     let cost = cost(a, regularity) + cost(b, regularity);
                     if best.is_none_or(|(least, ..)| cost < least) {
-                        best = Some((cost, axis, at));
+                        best = Some((cost, axis, at, *a, *b));
                     }
                 }
             }
         }
     }
-    let middle = match best {
-        Some((cost, axis, at)) if cost.is_finite() => {
-            // Stable, so that the tree does not depend on how a partition happens to swap.
-            items.sort_by_key(|&i| bucket(i, axis) >= at);
-            items.partition_point(|&i| bucket(i, axis) < at)
-        }
-        _ => {
-            let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
-            let half = items.len() / 2;
-            items.select_nth_unstable_by(half, |&a, &b| {
-                centroid(a)[axis].total_cmp(&centroid(b)[axis]).then(a.cmp(&b))
-            });
-            half
-        }
-    };
+    if let Some((_, axis, at, low, high)) = best.filter(|b| b.0.is_finite()) {
+        // Stable, so that the tree does not depend on how a partition happens to swap.
+        items.sort_by_key(|&i| bucket(i, axis) >= at);
+        return (items.partition_point(|&i| bucket(i, axis) < at), low, high);
+    }
+    let half = items.len() / 2;
+    items.select_nth_unstable_by(half, |&a, &b| {
+        centroid(a)[widest].total_cmp(&centroid(b)[widest]).then(a.cmp(&b))
+    });
     let all = |items: &[u32]| {
         let first = lights[items[0] as usize];
         items[1..].iter().fold(first, |b, &i| b.union(&lights[i as usize]))
     };
-    (middle, all(&items[..middle]), all(&items[middle..]))
+    (half, all(&items[..half]), all(&items[half..]))
 }

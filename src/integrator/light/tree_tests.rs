@@ -25,22 +25,6 @@ fn mixed(rng: &mut Rng, count: usize) -> Vec<LightBounds> {
 }
 
 #[test]
-fn a_node_holds_what_it_stores() {
-    let mut rng = Rng::new(31);
-    for i in 0..100_000 {
-        let mut w = rng.direction();
-        if i % 3 == 0 {
-            w[i % 9 / 3] = 0.0;
-            w = w.normalize_or(Vec3::X);
-        }
-        assert!(angle(unpack_axis(pack_axis(w)), w) < 0.8 * AXIS_SLACK, "{w}");
-    }
-    for axis in [Vec3::X, Vec3::Y, Vec3::Z, Vec3::NEG_X, Vec3::NEG_Y, Vec3::NEG_Z] {
-        assert!((unpack_axis(pack_axis(axis)) - axis).length() < 1e-6);
-    }
-}
-
-#[test]
 fn a_union_of_cones_holds_both() {
     let mut rng = Rng::new(32);
     for _ in 0..100_000 {
@@ -167,5 +151,5 @@ fn lights_in_one_place_and_lights_without_power() {
     assert!((pmf(0) * 997.0 - 1.0).abs() < 1e-3);
     assert!(tree.sample(p, Vec3::ZERO, 0.5).is_none_or(|(_, pmf)| pmf.is_finite()));
     assert!(LightTree::new(&[]).is_none() && LightTree::new(&lights[3..5]).is_none());
-    assert!(tree.bytes() < 1000 * 96);
+    assert!(tree.bytes() < 1000 * 128);
 }

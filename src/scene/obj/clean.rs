@@ -266,7 +266,12 @@ impl<'a> Cleaner<'a> {
     fn face(&mut self, number: u32, text: &[u8]) -> Result<()> {
         let mut corners: Vec<Corner> = Vec::with_capacity(4);
         for word in words(text).skip(1) {
-            corners.push(self.corner(number, text, word)?);
+            let corner = self.corner(number, text, word)?;
+            if let Some(what) = corner.1 {
+                let message = format!("faces name {what} that do not exist; they go without");
+                warn(&mut self.warnings, self.path, message);
+            }
+            corners.push(corner.0);
         }
         if corners.len() < 3 {
             let message = "faces of fewer than three corners are left out";
@@ -305,9 +310,11 @@ impl<'a> Cleaner<'a> {
         Ok(())
     }
 
-    fn corner(&self, number: u32, text: &[u8], word: &[u8]) -> Result<Corner> {
+    /// The corner, and which of its attributes it names in vain. Only a vertex is indispensable.
+    fn corner(&self, number: u32, text: &[u8], word: &[u8]) -> Result<(Corner, Option<&'static str>)> {
         let counts = [self.positions.len(), self.uvs, self.normals];
         let mut found = [None; 3];
+        let mut missing = None;
         for (k, part) in word.split(|&b| b == b'/').enumerate() {
             let bad = |message: String| Err(self.fail(number, text, word, message));
             let shown = || String::from_utf8_lossy(word).escape_debug().take(24).collect::<String>();
@@ -323,16 +330,16 @@ impl<'a> Cleaner<'a> {
             let count = counts[k] as i64;
             let index = if i < 0 { i.checked_add(count).unwrap_or(-1) } else { i - 1 };
             if !(0..count).contains(&index) {
-                let what = ["vertices", "texture coordinates", "normals"][k];
-                return bad(format!(
-                    "`{}` names number {i} of {count} {what} so far, counted from 1",
-                    shown()
-                ));
+                if k > 0 {
+                    missing = Some(["texture coordinates", "normals"][k - 1]);
+                    continue;
+                }
+                return bad(format!("`{}` names vertex {i} of {count} so far, counted from 1", shown()));
             }
             found[k] = Some(index as usize);
         }
         match found {
-            [Some(v), vt, vn] => Ok((v, vt, vn)),
+            [Some(v), vt, vn] => Ok(((v, vt, vn), missing)),
             _ => Err(self.fail(number, text, word, "a corner without a vertex")),
         }
     }

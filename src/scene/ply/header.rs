@@ -148,7 +148,8 @@ pub(super) fn read(stream: &mut Stream) -> Result<Header> {
         }
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         match words[..] {
-            [] | ["comment" | "obj_info", ..] => {}
+            // The last is a line of Blender 2.4's exporter, which forgot the word `comment`.
+            [] | ["comment" | "obj_info", ..] | ["Created", "by", ..] => {}
             ["format", kind, version] => {
                 format = match kind {
                     "ascii" => Some(Format::Ascii),

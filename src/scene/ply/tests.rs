@@ -135,7 +135,7 @@ fn errors_say_where_and_what() {
     let path_free = |bytes: &[u8]| {
         let e = read(bytes).expect_err("damaged").to_string();
         assert!(!e.contains('\n'));
-        e.split_once(|c: char| c == ':').map(|(_, rest)| rest.to_string()).unwrap_or(e)
+        e.split_once(':').map(|(_, rest)| rest.to_string()).unwrap_or(e)
     };
     let text = |body: &str| {
         let mut f = header("ascii", 3, 1, "uchar int");
