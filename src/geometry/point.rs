@@ -167,13 +167,15 @@ impl SceneGeometry {
         let stretch = scale.x_axis.abs() + scale.y_axis.abs() + scale.z_axis.abs();
         point.error = point.error * max_abs(stretch)
             + gamma(4) * (max_abs(point.p) + max_abs(stretch) * max_abs(before));
-        point.ng = t.normal(point.ng).normalize_or_zero();
+        // How the transform stretches areas of the surface: |det M| · |M⁻ᵀ n| (Nanson).
+        let normal = t.normal(point.ng);
+        let area = scale.determinant().abs() * normal.length();
+        if area > 0.0 {
+            point.uv_rate /= area.sqrt();
+        }
+        point.ng = normal.normalize_or_zero();
         point.ns = t.normal(point.ns).normalize_or_zero();
         point.dpdu = t.vector(point.dpdu);
-        let volume = scale.determinant().abs();
-        if volume > 0.0 {
-            point.uv_rate /= volume.cbrt();
-        }
     }
 }
 

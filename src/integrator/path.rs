@@ -405,8 +405,9 @@ impl<'a, A: Accel> World<'a, A> {
     #[cold]
     fn transmitted(&self, shadow: &Shadow, counters: &mut Counters) -> Rgb {
         let (mut ray, mut medium, mut through) = (shadow.ray, shadow.medium, Rgb::ONE);
-        let length = ray.direction.length();
         loop {
+            // What is left of the way: an interface passed shortens it.
+            let length = ray.direction.length();
             let hit = self.accel.closest(&ray);
             counters.closest += 1;
             if hit.geometry == NONE {

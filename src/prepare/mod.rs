@@ -1,10 +1,16 @@
 //! Reads the description once and says what can ever be needed. Loads nothing, decides no
 //! sampling: it only follows references.
 
-use crate::scene::{
-    ImageId, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId,
-};
-use crate::texture::ImageNeeds;
+use crate::scene::{ImageId, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId};
+
+/// What the plan found out about an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageNeeds {
+    /// Some filter looks at coarser levels.
+    pub mip_levels: bool,
+    /// Some texture or light looks at it at all; else it is not even opened.
+    pub used: bool,
+}
 
 /// For each image: whether anything visible reads it, and whether any of its readers filters over
 /// mip levels.

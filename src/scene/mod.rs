@@ -7,6 +7,7 @@ pub mod obj;
 pub mod pbrt;
 pub mod ply;
 mod polygon;
+mod view;
 
 pub use description::*;
 pub use mesh::*;
@@ -20,9 +21,14 @@ use std::path::Path;
 /// The reader's own, or that the name is none that Weir reads.
 pub fn load(path: &Path) -> Result<SceneDescription> {
     let name = path.file_name().map(|n| n.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if name.ends_with(".pbrt") || name.ends_with(".pbrt.gz") {
+    let named = |endings: &[&str]| endings.iter().any(|e| name.ends_with(e));
+    if named(&[".pbrt", ".pbrt.gz"]) {
         pbrt::read_pbrt(path)
+    } else if named(&[".obj"]) {
+        obj::read_obj(path)
+    } else if named(&[".ply", ".ply.gz"]) {
+        ply::read_ply_scene(path)
     } else {
-        Err(Error::file(path, "not a scene that Weir reads; .pbrt, .pbrt.gz, .obj and .ply are"))
+        Err(Error::file(path, "not a scene that Weir reads; .pbrt, .pbrt.gz, .obj, .ply and .ply.gz are"))
     }
 }

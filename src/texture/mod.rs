@@ -1,6 +1,7 @@
 //! Images in memory and their filtered lookup. [`TextureStore::lookup`] is the only door that
 //! shading uses: what is behind it (today whole decoded images, later a tiled cache) may change
-//! without anyone noticing. Never decides what is needed; `prepare` says so by [`ImageNeeds`].
+//! without anyone noticing. Never decides what is needed; `prepare` says so by
+//! [`ImageNeeds`](crate::prepare::ImageNeeds).
 
 mod contain;
 mod encoding;
@@ -16,4 +17,4 @@ mod texels;
 pub use eval::{TextureCoordinates, Textures};
 pub use filter::{Footprint, Sampler};
 pub use image_io::{ImageData, MAX_DECODED_BYTES, MAX_SIDE, Pixels, read_image};
-pub use store::{ImageNeeds, TextureStore};
+pub use store::TextureStore;

@@ -13,19 +13,11 @@ use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Rgba8, RgbaFloat,
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::Vec2;
+use crate::prepare::ImageNeeds;
 use crate::scene::{Channels, Encoding, ImageId, ImageSource};
 use glam::Vec4;
 use half::f16;
 use rayon::prelude::*;
-
-/// What the plan found out about an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ImageNeeds {
-    /// Some filter looks at coarser levels.
-    pub mip_levels: bool,
-    /// Some texture or light looks at it at all; else it is not even opened.
-    pub used: bool,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {

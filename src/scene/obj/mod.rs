@@ -1,8 +1,8 @@
 //! Wavefront OBJ with MTL into a whole scene: `tobj` parses, we make its input safe and exact.
 //! `clean` checks every line (so that errors have line and column, which tobj's have not),
 //! triangulates concave polygons, and splits faces that have normals or texture coordinates from
-//! those that have none; `material` turns MTL into our materials; `view` adds what OBJ cannot say:
-//! camera, sky and sun.
+//! those that have none; `material` turns MTL into our materials; `scene::view` adds what OBJ cannot
+//! say: camera, sky and sun.
 //!
 //! MTL is read the way its users expect:
 //! - `Kd` × `map_Kd` is the albedo; black `Kd` beside a texture counts as white.
@@ -16,11 +16,11 @@
 
 mod clean;
 mod material;
-mod view;
 
 use crate::error::{Error, Location, Result};
 use crate::scene::{
     AreaLightId, MaterialId, MeshId, MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh, Warning,
+    view,
 };
 use clean::Cleaner;
 use std::fs::File;

@@ -10,10 +10,16 @@ mod body;
 mod header;
 mod stream;
 
-use crate::error::{Error, Result};
-use crate::scene::TriangleMesh;
+use crate::color::Rgb;
+use crate::error::{Error, Location, Result};
+use crate::math::Transform;
+use crate::scene::{
+    Material, MaterialId, MeshId, MeshSource, SceneDescription, Shape, ShapeKind, Texture, TextureId,
+    TriangleMesh, view,
+};
 use header::{Element, Header, Kind};
 use std::path::Path;
+use std::sync::Arc;
 use stream::Stream;
 
 /// Reads the mesh in `path` (`.ply`, or `.ply.gz`).
@@ -57,6 +63,30 @@ pub fn read_ply(path: &Path) -> Result<TriangleMesh> {
     }
     mesh.pad_positions();
     Ok(mesh)
+}
+
+/// Reads the mesh in `path` as a scene: grey, with a camera that frames it, a soft sky and a sun.
+///
+/// # Errors
+/// As [`read_ply`].
+pub fn read_ply_scene(path: &Path) -> Result<SceneDescription> {
+    let mesh = read_ply(path)?;
+    let mut scene = SceneDescription { path: path.to_path_buf(), ..SceneDescription::default() };
+    scene.textures.push(Texture::Constant(Rgb::splat(0.5)));
+    scene.materials.push(Material::Diffuse { reflectance: TextureId(0) });
+    scene.meshes.push(MeshSource::Inline(Arc::new(mesh)));
+    scene.shapes.push(Shape {
+        kind: ShapeKind::Mesh(MeshId(0)),
+        object_to_world: Transform::IDENTITY,
+        reverse_orientation: false,
+        material: MaterialId(0),
+        area_light: None,
+        alpha: None,
+        medium: None,
+        at: Location::whole(path),
+    });
+    view::add_camera_and_lights(&mut scene);
+    Ok(scene)
 }
 
 /// Holds the header's counts against the bytes that are there, before anything is allocated.

@@ -3,7 +3,6 @@
 //! Invariant: a library with a larger hit record, or one of another major version, fails here before it
 //! can corrupt a render.
 //! Never: tests Weir's own traversal; the unit tests of `accel` do.
-#![cfg(feature = "embree")]
 
 use std::ffi::CStr;
 use std::ptr::{null_mut, without_provenance_mut};

@@ -1,4 +1,4 @@
-//! What an OBJ cannot say: where to look from, and by what light. A model is seen from a little
+//! What a model alone cannot say: where to look from, and by what light. A model is seen from a little
 //! above and beside, filling four fifths of the frame; one that is open to a side (a box without its
 //! front) is seen through the opening; a closed room from inside. A soft sky and a sun light it,
 //! unless it is a room with lamps of its own. Never moves the model.

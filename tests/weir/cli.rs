@@ -2,7 +2,6 @@
 //!
 //! Invariant: every test runs in a directory of its own and leaves nothing behind.
 //! Never: judges what a picture shows; the library's tests do.
-#![cfg(feature = "embree")]
 
 use std::ffi::OsStr;
 use std::fs;

@@ -1,0 +1,20 @@
+//! The one integration binary: known answers first, then statistical, then damaged files, then the
+//! program as a person meets it, then the house's own rules. One binary, so that one is linked.
+//!
+//! Invariant: tests run in any order and side by side; what is random has a fixed seed, so that a
+//! test which passes once passes always on the same code.
+//! Never: needs a network. What needs `../shared` (or `$WEIR_SHARED`) says what it left out.
+#![cfg(feature = "embree")]
+
+mod support;
+
+mod known;
+
+mod determinism;
+mod estimators;
+mod references;
+mod significance;
+
+mod cli;
+mod embree_abi;
+mod order;
