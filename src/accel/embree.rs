@@ -43,7 +43,8 @@ pub struct EmbreeScene<'a> {
     /// Geometries of the world scene; ids from here on are instances.
     geometry_count: u32,
     /// Callback data, referred to by raw pointers inside Embree.
-    _users: Vec<Box<User<'a>>>,
+    #[expect(clippy::vec_box, reason = "Embree holds the address of each, which a growing Vec would move")]
+    users: Vec<Box<User<'a>>>,
     /// The vertex memory that Embree shares.
     _shared: PhantomData<&'a [[f32; 3]]>,
 }
@@ -167,7 +168,7 @@ impl<'a> EmbreeScene<'a> {
             world: std::ptr::null_mut(),
             objects: Vec::with_capacity(objects.len()),
             geometry_count: c_uint::try_from(world.len()).expect("ids are u32"),
-            _users: Vec::new(),
+            users: Vec::new(),
             _shared: PhantomData,
         };
         for object in objects {
@@ -274,11 +275,11 @@ impl<'a> EmbreeScene<'a> {
 
     fn set_user(&mut self, geometry: rtc::RTCGeometry, user: User<'a>) {
         let user = Box::new(user);
-        // SAFETY: the box lives in `_users` until the device is released.
+        // SAFETY: the box lives in `users` until the device is released.
         unsafe {
             rtc::rtcSetGeometryUserData(geometry, std::ptr::from_ref(&*user).cast_mut().cast());
         }
-        self._users.push(user);
+        self.users.push(user);
     }
 
     fn attach_instance(&self, instance: &InstanceOf) {

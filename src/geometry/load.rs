@@ -3,7 +3,7 @@
 
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Custom, Geometry, InstanceOf, Ray};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 use glam::{DVec3, Vec2, Vec3};
@@ -59,7 +59,8 @@ pub fn load(scene: &SceneDescription) -> Result<SceneGeometry> {
         .map(|i| PlacedInstance {
             to_world: i.instance_to_world,
             object: i.object.0,
-            surface_base: u32::try_from(objects[i.object.index()].start).expect("surfaces are counted in u32"),
+            surface_base: u32::try_from(objects[i.object.index()].start)
+                .expect("surfaces are counted in u32"),
         })
         .collect();
     Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None })
@@ -73,7 +74,8 @@ fn surface(scene: &SceneDescription, shape: &Shape) -> Result<Surface> {
             let mesh = match &scene.meshes[id.index()] {
                 MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
                 MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
-                MeshSource::Loop { control, levels } => super::loop_subdivision::subdivide(control, *levels)?,
+                MeshSource::Loop { control, levels } => super::loop_subdivision::subdivide(control, *levels)
+                    .map_err(|e| Error::at(&shape.at, e.to_string()))?,
             };
             SurfaceShape::Mesh(place_mesh(mesh, to_world, shape.reverse_orientation))
         }
@@ -110,7 +112,7 @@ fn place_mesh(mut mesh: TriangleMesh, to_world: &Transform, reverse: bool) -> Me
         }
     }
     // Embree reads 16 bytes at the last vertex.
-    mesh.positions.reserve_exact(1);
+    mesh.pad_positions();
     Mesh {
         normals: place_normals(&mesh.normals, to_world, reverse),
         positions: mesh.positions,
@@ -191,7 +193,6 @@ impl SceneGeometry {
 
     /// What a backend builds from: the world, the objects, the instances.
     #[must_use]
-    #[expect(clippy::type_complexity, reason = "three lists that are taken apart at once")]
     pub fn for_backend(&self) -> (Vec<Geometry<'_>>, Vec<Vec<Geometry<'_>>>, Vec<InstanceOf>) {
         let world = self.described(0..self.world_count);
         let objects = self.objects.iter().map(|r| self.described(r.clone())).collect();
@@ -201,7 +202,8 @@ impl SceneGeometry {
             .map(|i| {
                 let m = i.to_world.m.as_mat4();
                 let mut transform = [0.0; 12];
-                for (column, axis) in transform.chunks_exact_mut(3).zip([m.x_axis, m.y_axis, m.z_axis, m.w_axis])
+                for (column, axis) in
+                    transform.chunks_exact_mut(3).zip([m.x_axis, m.y_axis, m.z_axis, m.w_axis])
                 {
                     column.copy_from_slice(&[axis.x, axis.y, axis.z]);
                 }

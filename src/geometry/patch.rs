@@ -91,7 +91,9 @@ mod tests {
         // z = u + v − 2uv on this patch.
         let p = saddle();
         for (u, v) in [(0.5, 0.5), (0.1, 0.9), (0.25, 0.3), (0.999, 0.001)] {
-            let h = p.intersect(0, DVec3::new(u, v, 5.0), -DVec3::Z, 0.0, f64::INFINITY).expect("above the patch");
+            let h = p
+                .intersect(0, DVec3::new(u, v, 5.0), -DVec3::Z, 0.0, f64::INFINITY)
+                .expect("above the patch");
             assert!((h.0 - (5.0 - (u + v - 2.0 * u * v))).abs() < 1e-12);
             assert!((h.1 - u).abs() < 1e-9 && (h.2 - v).abs() < 1e-9);
         }

@@ -73,10 +73,17 @@ impl Quadric {
             ShapeKind::Sphere { radius, z_min, z_max, phi_max_degrees } => {
                 let r = f64::from(radius);
                 let (a, b) = (f64::from(z_min.min(z_max)), f64::from(z_min.max(z_max)));
-                (QuadricKind::Sphere { radius: r, z_min: a.clamp(-r, r), z_max: b.clamp(-r, r) }, phi_max_degrees)
+                (
+                    QuadricKind::Sphere { radius: r, z_min: a.clamp(-r, r), z_max: b.clamp(-r, r) },
+                    phi_max_degrees,
+                )
             }
             ShapeKind::Disk { height, radius, inner_radius, phi_max_degrees } => (
-                QuadricKind::Disk { height: height.into(), radius: radius.into(), inner: inner_radius.into() },
+                QuadricKind::Disk {
+                    height: height.into(),
+                    radius: radius.into(),
+                    inner: inner_radius.into(),
+                },
                 phi_max_degrees,
             ),
             ShapeKind::Cylinder { radius, z_min, z_max, phi_max_degrees } => (
@@ -89,7 +96,12 @@ impl Quadric {
             ),
             ShapeKind::Mesh(_) | ShapeKind::Patches(_) => return None,
         };
-        Some(Self { kind, phi_max: f64::from(phi).clamp(0.0, 360.0).to_radians(), to_world, shape: shape.clone() })
+        Some(Self {
+            kind,
+            phi_max: f64::from(phi).clamp(0.0, 360.0).to_radians(),
+            to_world,
+            shape: shape.clone(),
+        })
     }
 
     /// Corners of the object-space box.
@@ -256,7 +268,8 @@ mod tests {
     #[test]
     fn normals_point_outwards_and_follow_the_transform() {
         let mut s = sphere(1.0);
-        s.to_world = Transform::from_matrix(DMat4::from_scale(DVec3::new(1.0, 3.0, 1.0))).expect("invertible");
+        s.to_world =
+            Transform::from_matrix(DMat4::from_scale(DVec3::new(1.0, 3.0, 1.0))).expect("invertible");
         let q = s.at(DVec3::new(0.0, 3.0, 0.0));
         assert!((q.n - DVec3::Y).length() < 1e-9);
         assert!((q.p - DVec3::new(0.0, 3.0, 0.0)).length() < 1e-9);

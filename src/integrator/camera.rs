@@ -83,7 +83,7 @@ impl Camera {
     }
 
     #[inline(always)]
-    fn to_world(&self, v: Vec3) -> Vec3 {
+    fn turn(&self, v: Vec3) -> Vec3 {
         self.x * v.x + self.y * v.y + self.z * v.z
     }
 
@@ -153,7 +153,7 @@ impl Camera {
                 spread = (4.0 * PI / (self.film.x * self.film.y)).sqrt();
             }
         }
-        let ray = Ray::new(self.position + self.to_world(origin), self.to_world(direction).normalize());
+        let ray = Ray::new(self.position + self.turn(origin), self.turn(direction).normalize());
         CameraRay { ray, width, spread }
     }
 }

@@ -69,7 +69,7 @@ pub(super) struct Bounded {
 /// A light infinitely far away that is sampled.
 pub(super) enum Infinite {
     Distant { irradiance: Rgb, towards: Vec3 },
-    Image { map: EnvironmentMap, scale: Rgb },
+    Image { map: Box<EnvironmentMap>, scale: Rgb },
 }
 
 /// A direction towards a light.
@@ -317,8 +317,7 @@ impl Lights {
 
 fn sample_delta(light: &DeltaLight, p: Vec3, pmf: f32) -> Option<LightSample> {
     let s = light.sample(p)?;
-    let target =
-        if s.distance.is_finite() { Target::Point(p + s.wi * s.distance) } else { Target::Infinity };
+    let target = if s.distance.is_finite() { Target::Point(p + s.wi * s.distance) } else { Target::Infinity };
     Some(LightSample { wi: s.wi, radiance: s.irradiance, pdf: pmf, delta: true, target })
 }
 

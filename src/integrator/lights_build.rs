@@ -13,9 +13,7 @@ use crate::integrator::light::sphere::Sphere;
 use crate::integrator::light::tree::{LightBounds, LightTree};
 use crate::integrator::lights::{Bounded, Emitter, Infinite, Lights, Place};
 use crate::math::Transform;
-use crate::scene::{
-    AreaLight, Channels, ImageId, Light, SceneDescription, ShapeKind, TextureFilter, Wrap,
-};
+use crate::scene::{AreaLight, Channels, ImageId, Light, SceneDescription, ShapeKind, TextureFilter, Wrap};
 use crate::texture::{Footprint, Sampler, Textures, read_image};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -127,8 +125,7 @@ impl<'a> Build<'a> {
                     let light =
                         DeltaLight::Spot { intensity, position, axis, cos_falloff_start, cos_total_width };
                     let power = luminance(light.power(0.0));
-                    let bounds =
-                        LightBounds::spot(position, axis, power, cos_falloff_start, cos_total_width);
+                    let bounds = LightBounds::spot(position, axis, power, cos_falloff_start, cos_total_width);
                     self.delta(light, bounds);
                 }
                 Light::Image { scale, illuminance, light_to_world, .. } => {
@@ -141,7 +138,7 @@ impl<'a> Build<'a> {
                             scale *= target / got;
                         }
                     }
-                    self.infinite.push(Infinite::Image { map, scale });
+                    self.infinite.push(Infinite::Image { map: Box::new(map), scale });
                 }
             }
         }

@@ -81,7 +81,9 @@ impl<'a> Materials<'a> {
     pub fn bsdf(&self, material: u32, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
         match &self.compiled[material as usize] {
             Compiled::Ready(b) => Some(*b),
-            Compiled::TexturedDiffuse(t) => Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at))))),
+            Compiled::TexturedDiffuse(t) => {
+                Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at)))))
+            }
             other => self.uncommon(other, at, key),
         }
     }
@@ -90,7 +92,9 @@ impl<'a> Materials<'a> {
     fn uncommon(&self, compiled: &Compiled<'a>, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
         match compiled {
             Compiled::Ready(b) => Some(*b),
-            Compiled::TexturedDiffuse(t) => Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at))))),
+            Compiled::TexturedDiffuse(t) => {
+                Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at)))))
+            }
             Compiled::Textured(m, tables) => {
                 Some(evaluate(m, *tables, &|t| self.textures.eval(t, at)).expect("mixes are compiled apart"))
             }
@@ -135,7 +139,9 @@ fn textures_of(m: &Material) -> Vec<TextureId> {
         }
         Material::Conductor { eta, k, roughness } => vec![*eta, *k, roughness.u, roughness.v],
         Material::Dielectric { roughness, .. } => vec![roughness.u, roughness.v],
-        Material::DiffuseTransmission { reflectance, transmittance, .. } => vec![*reflectance, *transmittance],
+        Material::DiffuseTransmission { reflectance, transmittance, .. } => {
+            vec![*reflectance, *transmittance]
+        }
         Material::Mix { amount, .. } => vec![*amount],
         Material::ThinDielectric { .. } | Material::Interface => vec![],
     }

@@ -332,20 +332,21 @@ impl<'a, A: Accel> World<'a, A> {
         let wo = frame.to_local(-path.direction);
 
         let (u, to_light) = sample8(path.key, path.sample, 1 + 2 * depth);
-        if self.samples_lights && !bsdf.is_delta() {
-            if let Some(light) = self.lights.sample(point.p, to_light) {
-                let wi = frame.to_local(light.wi);
-                let (f, pdf) = bsdf.eval(wo, wi);
-                if f != Rgb::ZERO {
-                    let plain = light.delta || self.estimator == Estimator::Lights;
-                    let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
-                    shadows.push(Shadow {
-                        ray: light.ray_from(point.p, point.error, point.ng),
-                        contribution: path.beta * f * light.radiance * (weight / light.pdf),
-                        slot: path.slot,
-                        medium: cross(shading.medium, point.ng, light.wi, path.medium),
-                    });
-                }
+        if self.samples_lights
+            && !bsdf.is_delta()
+            && let Some(light) = self.lights.sample(point.p, to_light)
+        {
+            let wi = frame.to_local(light.wi);
+            let (f, pdf) = bsdf.eval(wo, wi);
+            if f != Rgb::ZERO {
+                let plain = light.delta || self.estimator == Estimator::Lights;
+                let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
+                shadows.push(Shadow {
+                    ray: light.ray_from(point.p, point.error, point.ng),
+                    contribution: path.beta * f * light.radiance * (weight / light.pdf),
+                    slot: path.slot,
+                    medium: cross(shading.medium, point.ng, light.wi, path.medium),
+                });
             }
         }
 

@@ -22,7 +22,7 @@ impl TriangleMesh {
     /// Leaves room for one vertex behind the last in the positions' allocation: Embree loads
     /// 16 bytes at every 12-byte vertex. Every reader ends with this; nothing else arranges it.
     pub fn pad_positions(&mut self) {
-        self.positions.reserve(1);
+        self.positions.reserve_exact(1);
     }
 }
 

@@ -78,10 +78,8 @@ impl Textures {
             Texture::Constant(c) => *c,
             Texture::Image { image, mapping, filter, wrap, scale, invert, channels } => {
                 let (uv, width) = map(mapping, at);
-                let footprint = Footprint {
-                    duv_dx: Vec2::new(width.x, 0.0),
-                    duv_dy: Vec2::new(0.0, width.y),
-                };
+                let footprint =
+                    Footprint { duv_dx: Vec2::new(width.x, 0.0), duv_dy: Vec2::new(0.0, width.y) };
                 let sampler = Sampler { filter: *filter, wrap: *wrap, channels: *channels };
                 let value = self.store.lookup(*image, uv, footprint, sampler) * *scale;
                 if *invert { (Rgb::ONE - value).max(Rgb::ZERO) } else { value }

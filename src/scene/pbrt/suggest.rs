@@ -28,8 +28,8 @@ fn edits(a: &str, b: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
     let width = b.len() + 1;
     let mut d = vec![0usize; (a.len() + 1) * width];
-    for j in 0..width {
-        d[j] = j;
+    for (j, first) in d[..width].iter_mut().enumerate() {
+        *first = j;
     }
     for i in 1..=a.len() {
         d[i * width] = i;
