@@ -83,7 +83,7 @@ fn the_front_emits_and_two_sided_lights_do_on_both() {
                     check(look(&orthographic(-3.0, 0.3), &light), emits, &what);
                     // A plane at z = 2 sees what points to +z.
                     let plane = "Shape \"bilinearmesh\" \"point3 P\" [ -9 -9 2 9 -9 2 -9 9 2 9 9 2 ]\n";
-                    let emits = two_sided || (!from_front != turns) != reverse;
+                    let emits = two_sided || (from_front == turns) != reverse;
                     check(
                         look(&orthographic(1.99, 0.3), &(light + plane)),
                         emits,
