@@ -14,9 +14,14 @@ pub fn concentric_disk(u: Vec2) -> Vec2 {
     }
     // θ = π/4·y/x, or π/2 − π/4·x/y, whose sine and cosine are those of π/4·x/y exchanged.
     let wide = o.x.abs() > o.y.abs();
-    let (r, other) = if wide { (o.x, o.y) } else { (o.y, o.x) };
+    let (x, y) = (o.x.to_bits(), o.y.to_bits());
+    let exchanged = (x ^ y) & u32::from(!wide).wrapping_neg();
+    let (r, other) = (f32::from_bits(x ^ exchanged), f32::from_bits(y ^ exchanged));
     let (s, c) = sin_cos_eighth(FRAC_PI_4 * (other / r));
-    if wide { Vec2::new(r * c, r * s) } else { Vec2::new(r * s, r * c) }
+    // Selected by mask: half of all points take either side, which no predictor can learn.
+    let (s, c) = ((r * s).to_bits(), (r * c).to_bits());
+    let exchanged = (s ^ c) & u32::from(!wide).wrapping_neg();
+    Vec2::new(f32::from_bits(c ^ exchanged), f32::from_bits(s ^ exchanged))
 }
 
 /// Sine and cosine on [−π/4, π/4] by Taylor polynomials: the first terms left out are 2e-9 and

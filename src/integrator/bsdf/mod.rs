@@ -74,7 +74,7 @@ pub enum Bsdf<'a> {
 impl Bsdf<'_> {
     /// f(wo, wi)·|cosθi| and the solid-angle density [1/sr] with which [`Self::sample`] draws
     /// `wi`. Delta lobes add nothing to either. `wo` points to the camera's side, both are unit.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32) {
         match self {
@@ -89,7 +89,7 @@ impl Bsdf<'_> {
 
     /// Draws `wi`: `uc` chooses the lobe, `u` the direction in it, all in [0, 1). `None` where
     /// the draw carries nothing.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample> {
         match self {
@@ -104,7 +104,7 @@ impl Bsdf<'_> {
     }
 
     /// Whether there are delta lobes only, so that sampling lights is in vain.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn is_delta(&self) -> bool {
         match self {

@@ -45,7 +45,7 @@ pub struct ShapeSample {
 
 /// A density per area as one per solid angle: `pdf_area` d² / |cosθ|. `None` where the shape is
 /// seen edge-on or touched, so that no ray could tell the point from its neighbours.
-#[inline]
+#[inline(always)]
 fn per_solid_angle(pdf_area: f32, towards: Vec3, n: Vec3) -> Option<f32> {
     let d2 = towards.length_squared();
     // |cosθ| d, so that one division serves.

@@ -82,8 +82,7 @@ impl Parallelogram {
     #[inline]
     fn method(&self, p: Vec3) -> Method {
         let d = self.corner - p;
-        let centre = d + (self.e0 + self.e1) * 0.5;
-        if self.l0.max(self.l1).powi(2) < SMALL * centre.length_squared() {
+        if self.is_small(p) {
             return Method::Area;
         }
         if self.rectangle {
@@ -124,9 +123,26 @@ impl Parallelogram {
 
     /// A point of the parallelogram as seen from `p`; it is `corner + b0 e0 + b1 e1`. `None` where
     /// it is seen edge-on.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn sample(&self, p: Vec3, u: Vec2) -> Option<ShapeSample> {
+        if !self.is_small(p) {
+            return self.sample_large(p, u);
+        }
+        let point = self.corner + self.e0 * u.x + self.e1 * u.y;
+        let pdf_solid_angle = per_solid_angle(1.0 / self.area, point - p, self.n)?;
+        Some(ShapeSample { point, n: self.n, pdf_solid_angle, b0: u.x, b1: u.y })
+    }
+
+    /// Whether it is so small or far that area sampling serves.
+    #[inline(always)]
+    fn is_small(&self, p: Vec3) -> bool {
+        let centre = self.corner - p + (self.e0 + self.e1) * 0.5;
+        self.l0.max(self.l1).powi(2) < SMALL * centre.length_squared()
+    }
+
+    #[inline(never)]
+    fn sample_large(&self, p: Vec3, u: Vec2) -> Option<ShapeSample> {
         let (b, pdf) = match self.method(p) {
             Method::Area => (u, None),
             Method::Rect(rect) => {
