@@ -18,11 +18,11 @@ DEMO := scenes/demo/demo.pbrt
 # `prepare` fetched every crate, so cargo need not ask the network, nor may it change the lock file.
 FROZEN := --locked --offline
 
-.PHONY: help demo test build native bench embree prepare
+.PHONY: help demo test references build native bench embree prepare
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do \
-	  printf '  make %-8s %s\n' "$$name" "$$text"; done
+	  printf '  make %-10s %s\n' "$$name" "$$text"; done
 	@echo '  CARGO_TARGET_DIR moves target/; EMBREE_DIR names an Embree 4.3 or later of your own.'
 
 demo: build ## build, render the demo scene, and say where the picture is
@@ -34,6 +34,9 @@ demo: build ## build, render the demo scene, and say where the picture is
 
 test: prepare ## formatting, lints, documentation, a build without Embree, and every test
 	@tools/test.sh "$(TARGET)" $(FROZEN)
+
+references: prepare ## the pbrt scenes of ../shared against pbrt-v4's renders, 256 samples a pixel (minutes)
+	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture references
 
 build: prepare ## build target/release/weir, for any processor of this architecture
 	@cargo build --release $(FROZEN)

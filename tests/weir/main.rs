@@ -15,6 +15,11 @@ mod estimators;
 mod references;
 mod significance;
 
+mod damaged;
+
+#[cfg(unix)]
+mod corpora;
+
 mod cli;
 mod embree_abi;
 mod order;
