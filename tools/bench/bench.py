@@ -350,19 +350,18 @@ def print_errors(rounds):
         print("\nNoise is not known: it takes ROUNDS=2 or more.")
         return
     found = errors(rounds)
-    print("\nTime to equal error: relMSE × processor seconds of rendering, over Weir's; both fall alike with more "
-          "samples as far as error is 1/samples. relMSE is the mean of (A − B)² / (R² + 0.01) over pairs of seeds, "
+    print("\nTime to equal error: relMSE × seconds of rendering, over Weir's, as if error fell as 1/samples. relMSE is the mean of (A − B)² / (R² + 0.01) over pairs of seeds, "
           "halved, R the mean of all images; trimmed: without the worst 0.1 % of pixels. Noise alone explains the "
           "distance from Weir's images where the last column is 1.\n")
-    print("| | relMSE | trimmed | its time to Weir's error | trimmed | mean over Weir's | distance / noise |")
-    print("|---|---|---|---|---|---|---|")
+    print("| | relMSE | trimmed | time to Weir's error | trimmed | CPU-s, trimmed | mean over Weir's | distance / noise |")
+    print("|---|---|---|---|---|---|---|---|")
     own = found["weir"]
-    own_cost = statistics.median(of(rounds, "weir", cpu_seconds))
     for name, e in found.items():
-        cost = statistics.median(of(rounds, name, cpu_seconds)) / own_cost
-        factors = [f"{cost * e[trim] / own[trim]:.2f}" for trim in (0, .001)]
-        explained = f"{e['explained']:.3f}" if "explained" in e else ""
-        print(f"| {NAMES[name]} | {e[0]:.5f} | {e[.001]:.5f} | {factors[0]} | {factors[1]} | {e['mean']:.4f} | {explained} |")
+        # Weir's cost from the same rounds: another renderer may have run in some of them only.
+        clock, cpu = (1 / statistics.median(ratios(rounds, name, f)) for f in (seconds, cpu_seconds))
+        factors = [clock * e[0] / own[0], clock * e[.001] / own[.001], cpu * e[.001] / own[.001]]
+        cells = [f"{e[0]:.5f}", f"{e[.001]:.5f}", *(f"{x:.2f}" for x in factors), f"{e['mean']:.4f}"]
+        print(f"| {NAMES[name]} | {' | '.join(cells)} | " + (f"{e['explained']:.3f} |" if "explained" in e else "|"))
 
 
 def main(weir):
