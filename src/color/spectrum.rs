@@ -1,7 +1,7 @@
 //! Piecewise linear spectra and their reduction to linear Rec. 709 RGB. Runs while a scene is read;
 //! the renderer itself never sees a wavelength.
 //!
-//! Invariant: a `Spectrum` has at least one sample, wavelengths [nm] strictly increase, and all
+//! Invariant: a `Spectrum` has at least one sample, wavelengths in nm strictly increase, and all
 //! numbers are finite. Integrals run over 360 to 830 nm in steps of 1 nm, in f64.
 
 use super::data::cie::{CIE_X, CIE_Y, CIE_Z, DAYLIGHT_S0, DAYLIGHT_S1, DAYLIGHT_S2};
@@ -9,11 +9,11 @@ use super::{Rgb, named};
 use glam::{DMat3, DVec3, Vec3};
 use std::sync::LazyLock;
 
-/// First wavelength of the colour matching functions [nm].
+/// First wavelength of the colour matching functions in nm.
 const FIRST_NM: i32 = 360;
-/// Last wavelength of the colour matching functions [nm].
+/// Last wavelength of the colour matching functions in nm.
 const LAST_NM: i32 = 830;
-/// Step of the stored colour matching functions [nm].
+/// Step of the stored colour matching functions in nm.
 const CIE_STEP_NM: f64 = 5.0;
 /// Second radiation constant hc/k [nm K] (CODATA 2018).
 const C2_NM_K: f64 = 1.438_776_877e7;
@@ -32,14 +32,14 @@ impl Spectrum {
         Self { samples: vec![(560.0, value)] }
     }
 
-    /// From (wavelength [nm], value) pairs.
+    /// From (wavelength in nm, value) pairs.
     ///
     /// # Errors
     /// One line saying which pair is wrong, where there is none, where wavelengths do not strictly
     /// increase, or where a number is not finite.
     pub fn from_samples(samples: Vec<(f32, f32)>) -> Result<Self, String> {
         if samples.is_empty() {
-            return Err("a spectrum without samples; expected pairs of wavelength [nm] and value".into());
+            return Err("a spectrum without samples; expected pairs of wavelength in nm and value".into());
         }
         for (i, &(nm, value)) in samples.iter().enumerate() {
             if !nm.is_finite() || !value.is_finite() {
@@ -56,7 +56,7 @@ impl Spectrum {
         Ok(Self { samples })
     }
 
-    /// From the text of an `.spd` file: wavelength [nm] and value in turn, separated by blanks or
+    /// From the text of an `.spd` file: wavelength in nm and value in turn, separated by blanks or
     /// commas; `#` starts a comment.
     ///
     /// # Errors
@@ -75,7 +75,7 @@ impl Spectrum {
         }
         if numbers.len() % 2 != 0 {
             let n = numbers.len();
-            return Err(format!("a spectrum with {n} numbers; expected pairs of wavelength [nm] and value"));
+            return Err(format!("a spectrum with {n} numbers; expected pairs of wavelength in nm and value"));
         }
         Self::from_samples(numbers.chunks_exact(2).map(|p| (p[0], p[1])).collect())
     }
@@ -92,7 +92,7 @@ impl Spectrum {
         named::NAMES
     }
 
-    /// The CIE daylight of a nominal colour temperature [K], Y = 1; below 4000 K, where daylight
+    /// The CIE daylight of a nominal colour temperature in kelvin, Y = 1; below 4000 K, where daylight
     /// is undefined, a black body (CIE 15, §3.1; as pbrt-v4's sensors have it). `None` unless
     /// the temperature is positive and finite.
     #[must_use]
@@ -134,7 +134,7 @@ impl Spectrum {
         })
     }
 
-    /// The samples, (wavelength [nm], value), wavelengths increasing.
+    /// The samples, (wavelength in nm, value), wavelengths increasing.
     #[must_use]
     pub fn samples(&self) -> &[(f32, f32)] {
         &self.samples

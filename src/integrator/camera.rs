@@ -44,7 +44,7 @@ pub struct CameraRay {
     pub ray: Ray,
     /// Cone width at the origin.
     pub width: f32,
-    /// Growth of the width per unit of distance [rad].
+    /// Growth of the width per unit of distance, in radians.
     pub spread: f32,
 }
 

@@ -84,7 +84,7 @@ impl DeltaLight {
         }
     }
 
-    /// Emitted power [W] into a scene of bounding radius `scene_radius`.
+    /// Emitted power in watts into a scene of bounding radius `scene_radius`.
     #[must_use]
     pub fn power(&self, scene_radius: f32) -> Rgb {
         match *self {

@@ -26,7 +26,7 @@ pub(super) struct Spherical {
     bc: f32,
     ca: f32,
     det: f32,
-    /// Solid angle [sr].
+    /// Solid angle in steradians.
     pub(super) omega: f32,
 }
 
@@ -121,7 +121,7 @@ pub fn pdf(p: Vec3, v0: Vec3, v1: Vec3, v2: Vec3, distance: f32, cos: f32) -> f3
     }
 }
 
-/// Solid angle [sr] of a triangle, 0 to 2π (Van Oosterom and Strackee 1983).
+/// Solid angle in steradians of a triangle, 0 to 2π (Van Oosterom and Strackee 1983).
 #[must_use]
 pub fn solid_angle(p: Vec3, v0: Vec3, v1: Vec3, v2: Vec3) -> f32 {
     Spherical::new([v0 - p, v1 - p, v2 - p], (v1 - v0).cross(v2 - v0)).omega
