@@ -26,8 +26,7 @@ help: ## list the targets
 	@echo '  CARGO_TARGET_DIR moves target/; EMBREE_DIR names an Embree 4.3 or later of your own.'
 
 demo: build ## build, render the demo scene, and say where the picture is
-	@if [ ! -e $(DEMO) ]; then echo 'make demo: $(DEMO) is not there yet: nothing rendered'; exit 0; fi; \
-	"$(WEIR)" render $(DEMO) -o "$(TARGET)/demo.png" -o "$(TARGET)/demo.exr"; \
+	@"$(WEIR)" render $(DEMO) -o "$(TARGET)/demo.png" -o "$(TARGET)/demo.exr"; \
 	for image in "$(TARGET)/demo.png" "$(TARGET)/demo.exr"; do \
 	  [ -s "$$image" ] || { echo "make demo: $$image was not written" >&2; exit 1; }; done; \
 	echo "The picture: $$(realpath "$(TARGET)/demo.png") (and demo.exr beside it, in linear light)"
@@ -47,7 +46,7 @@ native: prepare ## build target/native/release/weir, for this machine's processo
 	@echo "Built $(TARGET)/native/release/weir: it may not start on another processor."
 
 bench: build ## measure, and compare with what is written down
-	@[ -x tools/bench.sh ] || { echo 'make bench: tools/bench.sh is not there yet' >&2; exit 1; }
+	@[ -x tools/bench.sh ] || { echo 'make bench: tools/bench.sh is missing' >&2; exit 1; }
 	@tools/bench.sh "$(WEIR)"
 
 embree: ## find Embree 4.3 or later, or install or unpack it

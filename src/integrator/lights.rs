@@ -36,13 +36,16 @@ pub struct Emitter {
 }
 
 impl Emitter {
-    /// The light that primitive `primitive` belongs to.
+    /// The light that primitive `primitive` belongs to; [`NO_LIGHT`] for one without area.
     #[inline(always)]
     #[must_use]
     pub fn light_of(&self, primitive: u32) -> u32 {
         self.light_by_primitive[primitive as usize]
     }
 }
+
+/// A primitive that no light covers, because it has no area to sample.
+pub const NO_LIGHT: u32 = u32::MAX;
 
 /// What a light with a place looks like.
 pub(super) enum Place {

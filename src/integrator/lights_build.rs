@@ -11,7 +11,7 @@ use crate::integrator::light::parallelogram::merge_triangles;
 use crate::integrator::light::patch::Patch;
 use crate::integrator::light::sphere::Sphere;
 use crate::integrator::light::tree::{LightBounds, LightTree};
-use crate::integrator::lights::{Bounded, Emitter, Infinite, Lights, Place};
+use crate::integrator::lights::{Bounded, Emitter, Infinite, Lights, NO_LIGHT, Place};
 use crate::math::Transform;
 use crate::scene::{AreaLight, Channels, ImageId, Light, SceneDescription, ShapeKind, TextureFilter, Wrap};
 use crate::texture::{Footprint, Sampler, Textures, read_image};
@@ -160,6 +160,10 @@ impl<'a> Build<'a> {
         let image_mean = light.image.map_or(1.0, |id| mean_luminance(textures, id));
         let mut light_by_primitive = Vec::new();
         for (candidate, primitives) in self.candidates(surface, light.image.is_some()) {
+            let Some(candidate) = candidate else {
+                light_by_primitive.extend(std::iter::repeat_n(NO_LIGHT, primitives));
+                continue;
+            };
             let mut radiance = light.radiance;
             // pbrt-v4: the power asked for is that of each shape (each triangle of a mesh), and
             // `radiance` then carries colour and scale.
@@ -193,8 +197,9 @@ impl<'a> Build<'a> {
         });
     }
 
-    /// The lights of a surface, each with the number of primitives it covers.
-    fn candidates(&self, surface: &Surface, textured: bool) -> Vec<(Candidate, usize)> {
+    /// The lights of a surface, each with the number of primitives it covers; `None` for what has
+    /// no area.
+    fn candidates(&self, surface: &Surface, textured: bool) -> Vec<(Option<Candidate>, usize)> {
         match &surface.shape {
             SurfaceShape::Mesh(mesh) => {
                 let corners = |i: usize| mesh.indices[i].map(|k| Vec3::from(mesh.positions[k as usize]));
@@ -227,7 +232,7 @@ impl<'a> Build<'a> {
                             let area = q.area();
                             let all = t.into_iter().chain(other).collect();
                             let place = Place::Parallelogram(q);
-                            list.push((Candidate { place, corners: all, area, n, flip }, 2));
+                            list.push((Some(Candidate { place, corners: all, area, n, flip }), 2));
                             i += 2;
                             continue;
                         }
@@ -240,26 +245,26 @@ impl<'a> Build<'a> {
                         n,
                         flip: cross.dot(n) < 0.0,
                     };
-                    list.push((candidate, 1));
+                    list.push((Some(candidate), 1));
                     i += 1;
                 }
                 list
             }
             SurfaceShape::Patches(patches) => (0..patches.indices.len())
-                .filter_map(|i| {
+                .map(|i| {
                     let c = patches.indices[i].map(|k| Vec3::from(patches.positions[k as usize]));
-                    let patch = Patch::new(c[0], c[1], c[2], c[3])?;
+                    let Some(patch) = Patch::new(c[0], c[1], c[2], c[3]) else { return (None, 1) };
                     let (_, du, dv) = patches.at(i as u32, 0.5, 0.5);
                     let n = du.cross(dv).normalize_or_zero().as_vec3();
                     let n = if surface.flip_normal { -n } else { n };
                     let area = patch.area();
                     let place = Place::Patch(patch);
                     let flip = surface.flip_normal;
-                    Some((Candidate { place, corners: c.to_vec(), area, n, flip }, 1))
+                    (Some(Candidate { place, corners: c.to_vec(), area, n, flip }), 1)
                 })
                 .collect(),
             SurfaceShape::Quadric(q) => {
-                quadric(&q.shape, &q.to_world, surface.flip_normal).into_iter().map(|c| (c, 1)).collect()
+                vec![(quadric(&q.shape, &q.to_world, surface.flip_normal), 1)]
             }
         }
     }

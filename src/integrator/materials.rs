@@ -58,7 +58,7 @@ impl<'a> Materials<'a> {
     pub fn new(scene: &'a SceneDescription, textures: &'a Textures, tables: &'a MaterialTables) -> Self {
         let compile = |(i, m): (usize, &'a Material)| compile(m, textures, tables.0[i].as_ref());
         let compiled = scene.materials.iter().enumerate().map(compile).collect();
-        let needs = (0..scene.materials.len()).map(|i| needs(scene, textures, i, 0)).collect();
+        let needs = needs(scene, textures);
         Self { compiled, needs, textures }
     }
 
@@ -204,26 +204,36 @@ fn evaluate<'a>(
     })
 }
 
-fn needs(scene: &SceneDescription, textures: &Textures, material: usize, depth: usize) -> Needs {
-    let m = &scene.materials[material];
-    let mut needs = Needs::default();
-    for t in textures_of(m) {
-        if textures.constant(t).is_none() {
-            needs = needs.and(Needs::UV);
+/// What each material reads, mixed ones included: what a mix needs follows from both of its sides,
+/// passed along until nothing changes, since mixes of mixes may share sides.
+fn needs(scene: &SceneDescription, textures: &Textures) -> Vec<Needs> {
+    let own = |m: &Material| {
+        let mut needs = Needs::default();
+        for t in textures_of(m) {
+            if textures.constant(t).is_none() {
+                needs = needs.and(Needs::UV);
+            }
+            if textures.wants_footprint(t) {
+                needs = needs.and(Needs::FOOTPRINT);
+            }
         }
-        if textures.wants_footprint(t) {
-            needs = needs.and(Needs::FOOTPRINT);
+        if is_anisotropic(m) {
+            needs = needs.and(Needs::TANGENT);
+        }
+        needs
+    };
+    let mut all: Vec<Needs> = scene.materials.iter().map(own).collect();
+    loop {
+        let mut changed = false;
+        for (i, m) in scene.materials.iter().enumerate() {
+            if let Material::Mix { a, b, .. } = m {
+                let needs = all[i].and(all[a.index()]).and(all[b.index()]);
+                changed |= needs != all[i];
+                all[i] = needs;
+            }
+        }
+        if !changed {
+            return all;
         }
     }
-    if is_anisotropic(m) {
-        needs = needs.and(Needs::TANGENT);
-    }
-    if let Material::Mix { a, b, .. } = m
-        && depth < scene.materials.len()
-    {
-        for side in [a, b] {
-            needs = needs.and(self::needs(scene, textures, side.index(), depth + 1));
-        }
-    }
-    needs
 }

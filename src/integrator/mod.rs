@@ -6,5 +6,6 @@ pub mod light;
 pub mod lights;
 pub mod lights_build;
 pub mod materials;
+mod media;
 pub mod path;
 pub mod sampler;

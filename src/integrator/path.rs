@@ -9,8 +9,9 @@ use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
 use crate::geometry::{Needs, SceneGeometry, SurfacePoint, offset_origin};
 use crate::integrator::camera::Camera;
-use crate::integrator::lights::{Emitter, Lights, power_heuristic};
+use crate::integrator::lights::{Emitter, Lights, NO_LIGHT, power_heuristic};
 use crate::integrator::materials::Materials;
+use crate::integrator::media::{cross, medium_index};
 use crate::integrator::sampler::sample8;
 use crate::math::Frame;
 use crate::scene::{Medium, MediumId, MediumInterface};
@@ -197,37 +198,6 @@ impl<'a, A: Accel> World<'a, A> {
         }
     }
 
-    /// Continues through surfaces that do not scatter. Each stands for one more ray.
-    #[cold]
-    fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
-        while hit.geometry != NONE {
-            let shading = &self.shading[self.geometry.surface_of(hit)];
-            if !shading.interface || shading.emitter != NONE {
-                return;
-            }
-            let ray = Ray::new(path.origin, path.direction);
-            let point = self.geometry.surface_point(hit, &ray, Needs::default());
-            path.beta *= self.transmittance(path.medium, hit.t);
-            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
-            path.travelled += hit.t;
-            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
-            counters.closest += 1;
-            *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
-        }
-    }
-
-    /// Beer's law over a distance in a medium.
-    #[inline(always)]
-    fn transmittance(&self, medium: u32, distance: f32) -> Rgb {
-        if medium == NONE {
-            return Rgb::ONE;
-        }
-        let m = &self.media[medium as usize];
-        // 0 · ∞ is 0 here: a channel that does not absorb lets everything through.
-        let along = |sigma: f32| if sigma > 0.0 { (-sigma * distance).exp() } else { 1.0 };
-        Rgb::new(along(m.sigma_a.x), along(m.sigma_a.y), along(m.sigma_a.z))
-    }
-
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
     #[inline(always)]
     fn shade(&self, wave: &mut Wave, depth: u32) {
@@ -276,6 +246,9 @@ impl<'a, A: Accel> World<'a, A> {
             return;
         }
         let light = emitter.light_of(hit.primitive);
+        if light == NO_LIGHT {
+            return;
+        }
         let mut weight = 1.0;
         if path.pdf > 0.0 {
             let distance = path.travelled + hit.t;
@@ -402,33 +375,6 @@ impl<'a, A: Accel> World<'a, A> {
         }
     }
 
-    /// What reaches the light through media and interfaces.
-    #[cold]
-    fn transmitted(&self, shadow: &Shadow, counters: &mut Counters) -> Rgb {
-        let (mut ray, mut medium, mut through) = (shadow.ray, shadow.medium, Rgb::ONE);
-        loop {
-            // What is left of the way: an interface passed shortens it.
-            let length = ray.direction.length();
-            let hit = self.accel.closest(&ray);
-            counters.closest += 1;
-            if hit.geometry == NONE {
-                return through * self.transmittance(medium, ray.t_max * length);
-            }
-            let shading = &self.shading[self.geometry.surface_of(&hit)];
-            if !shading.interface || shading.emitter != NONE {
-                return Rgb::ZERO;
-            }
-            let point = self.geometry.surface_point(&hit, &ray, Needs::default());
-            through *= self.transmittance(medium, hit.t * length);
-            medium = cross(shading.medium, point.ng, ray.direction, medium);
-            let origin = offset_origin(point.p, point.error, point.ng, ray.direction);
-            if ray.t_max.is_finite() {
-                ray.direction = ray.origin + ray.direction - origin;
-            }
-            ray.origin = origin;
-        }
-    }
-
     /// The last ray of a path can only find emission. Where few surfaces emit, the ray is tried
     /// against those alone; only what finds one there is traced in full, and what finds none asks
     /// no more than whether the sky is open. Same picture, fewer nodes.
@@ -471,18 +417,4 @@ impl Path {
     fn reference(&self) -> Vec3 {
         self.origin - self.direction * self.travelled
     }
-}
-
-/// The medium behind a surface in direction `w`.
-#[inline(always)]
-fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) -> u32 {
-    match interface {
-        None => current,
-        Some(m) => medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside }),
-    }
-}
-
-#[inline(always)]
-fn medium_index(medium: Option<MediumId>) -> u32 {
-    medium.map_or(NONE, |m| m.0)
 }

@@ -23,7 +23,7 @@ use crate::settings::{Estimator, RenderSettings};
 use crate::stats::{self, Counters, RenderStats};
 use crate::texture::{TextureCoordinates, TextureStore, Textures};
 use glam::{Mat3, Vec2, Vec3};
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
@@ -96,7 +96,7 @@ pub(super) fn render(
         filter: FilterSampler::new(&scene.filter),
         spp,
         seed: settings.seed.unwrap_or(scene.seed),
-        next: AtomicU32::new(0),
+        next: AtomicU64::new(0),
         samples: AtomicU64::new(0),
         first_pixel: OnceLock::new(),
         stopped: AtomicBool::new(false),
@@ -167,6 +167,15 @@ fn effective_film(scene: &SceneDescription, settings: &RenderSettings) -> Result
             film.size.0, film.size.1
         )));
     }
+    // The sums, the finished image and one encoded copy.
+    let bytes = u64::from(x1 - x0) * u64::from(y1 - y0) * (16 + 12 + 12);
+    if stats::available_memory_bytes().is_some_and(|free| bytes > free) {
+        return Err(Error::Resource(format!(
+            "a film of {}x{} pixels takes {bytes} bytes, more than the memory that is free; render a crop of it",
+            x1 - x0,
+            y1 - y0
+        )));
+    }
     Ok(film)
 }
 
@@ -176,7 +185,7 @@ fn load(scene: &SceneDescription) -> Result<(SceneGeometry, Arc<Textures>, Vec<E
         || geometry::load(scene),
         || rayon::join(|| TextureStore::load(&scene.images, &needs), || load_environments(scene)),
     );
-    let textures = Arc::new(Textures::new(scene.textures.clone(), store?));
+    let textures = Arc::new(Textures::new(scene.textures.clone(), store?)?);
     let mut geometry = geometry?;
     if geometry.surfaces.iter().any(|s| s.alpha.is_some()) {
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
@@ -257,7 +266,7 @@ struct Job<'a, A> {
     seed: u64,
     /// The next piece of work: pass-major, so that every tile has its n-th pass before any has
     /// the next.
-    next: AtomicU32,
+    next: AtomicU64,
     samples: AtomicU64,
     first_pixel: OnceLock<Instant>,
     stopped: AtomicBool,
@@ -286,8 +295,8 @@ impl<A: Accel> Job<'_, A> {
         let mut counters = Counters::default();
         let mut wave = Wave::default();
         let mut scratch = Scratch::default();
-        let tiles = self.buffer.tile_count();
-        let passes = self.spp.div_ceil(PASS);
+        let tiles = u64::from(self.buffer.tile_count());
+        let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.spp)
             * u64::from(self.film.crop[2] - self.film.crop[0])
             * u64::from(self.film.crop[3] - self.film.crop[1]);
@@ -298,6 +307,8 @@ impl<A: Accel> Job<'_, A> {
             if pass >= passes {
                 break;
             }
+            // Both were u32 before they were multiplied.
+            let (pass, tile) = (pass as u32, tile as u32);
             if self.should_stop() {
                 self.stopped.store(true, Ordering::Relaxed);
                 break;

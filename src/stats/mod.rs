@@ -4,7 +4,7 @@
 
 mod process;
 
-pub use process::{peak_rss_bytes, thread_cpu_seconds};
+pub use process::{available_memory_bytes, peak_rss_bytes, thread_cpu_seconds};
 
 use serde::{Deserialize, Serialize};
 

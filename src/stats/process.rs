@@ -3,6 +3,13 @@
 
 use std::fs;
 
+/// Memory that programs can still have without swapping, in bytes; `None` where the system does not
+/// say.
+#[must_use]
+pub fn available_memory_bytes() -> Option<u64> {
+    field_kib(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:").map(|kib| kib * 1024)
+}
+
 /// Most bytes of memory that were ever resident (Linux's VmHWM); `None` where it is not told.
 #[must_use]
 pub fn peak_rss_bytes() -> Option<u64> {

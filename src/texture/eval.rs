@@ -4,6 +4,7 @@
 
 use super::{Footprint, Sampler, TextureStore};
 use crate::color::Rgb;
+use crate::error::{Error, Result};
 use crate::scene::{Mapping, Texture, TextureFilter, TextureId};
 use glam::{DVec3, Vec2, Vec3};
 use std::f32::consts::PI;
@@ -21,17 +22,47 @@ pub struct TextureCoordinates {
     pub width: f32,
 }
 
+/// Most nodes that one lookup may evaluate: expressions share parts, so a page of text can name
+/// more than any machine evaluates.
+const MAX_NODES: u64 = 100_000;
+
+/// What is known of a texture before it is evaluated.
+#[derive(Clone, Copy, Default)]
+struct Known {
+    /// The value if it is the same everywhere.
+    constant: Option<Rgb>,
+    /// Whether anything below it filters over a footprint.
+    wants_footprint: bool,
+    /// Nodes that an evaluation visits.
+    nodes: u64,
+}
+
 /// The textures of a scene with the images they read.
 pub struct Textures {
     nodes: Vec<Texture>,
+    known: Vec<Known>,
     store: TextureStore,
 }
 
 impl Textures {
     /// Takes over the scene's texture table and its loaded images.
-    #[must_use]
-    pub fn new(nodes: Vec<Texture>, store: TextureStore) -> Self {
-        Self { nodes, store }
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for an expression of more than 100,000 nodes.
+    pub fn new(nodes: Vec<Texture>, store: TextureStore) -> Result<Self> {
+        let mut known: Vec<Known> = Vec::with_capacity(nodes.len());
+        for node in &nodes {
+            let k = know(node, |t| known.get(t.index()).copied().unwrap_or_default());
+            if k.nodes > MAX_NODES {
+                return Err(Error::Usage(format!(
+                    "texture {} of the scene is made of {} others; {MAX_NODES} at most",
+                    known.len(),
+                    k.nodes
+                )));
+            }
+            known.push(k);
+        }
+        Ok(Self { nodes, known, store })
     }
 
     /// The images.
@@ -43,31 +74,13 @@ impl Textures {
     /// The value if it is the same everywhere.
     #[must_use]
     pub fn constant(&self, id: TextureId) -> Option<Rgb> {
-        match &self.nodes[id.index()] {
-            Texture::Constant(c) => Some(*c),
-            Texture::Scale { texture, scale } => Some(self.constant(*texture)? * self.constant(*scale)?),
-            Texture::Mix { a, b, amount } => {
-                Some(mix(self.constant(*a)?, self.constant(*b)?, self.constant(*amount)?))
-            }
-            _ => None,
-        }
+        self.known[id.index()].constant
     }
 
     /// Whether any image below this texture filters over a footprint.
     #[must_use]
     pub fn wants_footprint(&self, id: TextureId) -> bool {
-        match &self.nodes[id.index()] {
-            Texture::Image { filter, .. } => {
-                matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa)
-            }
-            Texture::Constant(_) | Texture::Bilerp { .. } => false,
-            Texture::Scale { texture: a, scale: b }
-            | Texture::DirectionMix { a, b, .. }
-            | Texture::Checkerboard3d { a, b, .. } => self.wants_footprint(*a) || self.wants_footprint(*b),
-            // The checkerboard itself is filtered over the footprint.
-            Texture::Checkerboard { .. } => true,
-            Texture::Mix { a, b, amount } => [a, b, amount].into_iter().any(|t| self.wants_footprint(*t)),
-        }
+        self.known[id.index()].wants_footprint
     }
 
     /// The texture's value; a float is grey.
@@ -131,6 +144,39 @@ impl Textures {
         } else {
             mix(self.eval(a, at), self.eval(b, at), amount)
         }
+    }
+}
+
+/// What follows for a node from its parts, which stand before it in the table.
+fn know(node: &Texture, part: impl Fn(TextureId) -> Known) -> Known {
+    let join = |parts: &[Known], own: bool, constant: Option<Rgb>| Known {
+        constant,
+        wants_footprint: own || parts.iter().any(|p| p.wants_footprint),
+        nodes: parts.iter().fold(1, |n, p| n.saturating_add(p.nodes)),
+    };
+    match node {
+        Texture::Constant(c) => join(&[], false, Some(*c)),
+        Texture::Bilerp { .. } => join(&[], false, None),
+        Texture::Image { filter, .. } => {
+            join(&[], matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa), None)
+        }
+        Texture::Scale { texture, scale } => {
+            let (a, b) = (part(*texture), part(*scale));
+            join(&[a, b], false, a.constant.zip(b.constant).map(|(a, b)| a * b))
+        }
+        Texture::Mix { a, b, amount } => {
+            let parts = [part(*a), part(*b), part(*amount)];
+            let constant = match parts.map(|p| p.constant) {
+                [Some(a), Some(b), Some(t)] => Some(mix(a, b, t)),
+                _ => None,
+            };
+            join(&parts, false, constant)
+        }
+        Texture::DirectionMix { a, b, .. } | Texture::Checkerboard3d { a, b, .. } => {
+            join(&[part(*a), part(*b)], false, None)
+        }
+        // The checkerboard itself is filtered over the footprint.
+        Texture::Checkerboard { a, b, .. } => join(&[part(*a), part(*b)], true, None),
     }
 }
 

@@ -1,0 +1,85 @@
+//! Media between surfaces: absorption along a ray, and passage through surfaces that only separate
+//! media. Homogeneous and absorbing; what scatters in them is not simulated (the reader warns).
+//! Costs nothing where a scene has neither.
+
+use super::path::{Path, Shadow, World};
+use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::color::Rgb;
+use crate::geometry::{Needs, offset_origin};
+use crate::scene::{MediumId, MediumInterface};
+use crate::stats::Counters;
+use glam::Vec3;
+
+impl<A: Accel> World<'_, A> {
+    /// Continues through surfaces that do not scatter. Each stands for one more ray.
+    #[cold]
+    pub(super) fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
+        while hit.geometry != NONE {
+            let shading = &self.shading[self.geometry.surface_of(hit)];
+            if !shading.interface || shading.emitter != NONE {
+                return;
+            }
+            let ray = Ray::new(path.origin, path.direction);
+            let point = self.geometry.surface_point(hit, &ray, Needs::default());
+            path.beta *= self.transmittance(path.medium, hit.t);
+            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
+            path.travelled += hit.t;
+            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
+            counters.closest += 1;
+            *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
+        }
+    }
+
+    /// Beer's law over a distance in a medium.
+    #[inline(always)]
+    pub(super) fn transmittance(&self, medium: u32, distance: f32) -> Rgb {
+        if medium == NONE {
+            return Rgb::ONE;
+        }
+        let m = &self.media[medium as usize];
+        // 0 · ∞ is 0 here: a channel that does not absorb lets everything through.
+        let along = |sigma: f32| if sigma > 0.0 { (-sigma * distance).exp() } else { 1.0 };
+        Rgb::new(along(m.sigma_a.x), along(m.sigma_a.y), along(m.sigma_a.z))
+    }
+
+    /// What reaches the light through media and interfaces.
+    #[cold]
+    pub(super) fn transmitted(&self, shadow: &Shadow, counters: &mut Counters) -> Rgb {
+        let (mut ray, mut medium, mut through) = (shadow.ray, shadow.medium, Rgb::ONE);
+        loop {
+            // What is left of the way: an interface passed shortens it.
+            let length = ray.direction.length();
+            let hit = self.accel.closest(&ray);
+            counters.closest += 1;
+            if hit.geometry == NONE {
+                return through * self.transmittance(medium, ray.t_max * length);
+            }
+            let shading = &self.shading[self.geometry.surface_of(&hit)];
+            if !shading.interface || shading.emitter != NONE {
+                return Rgb::ZERO;
+            }
+            let point = self.geometry.surface_point(&hit, &ray, Needs::default());
+            through *= self.transmittance(medium, hit.t * length);
+            medium = cross(shading.medium, point.ng, ray.direction, medium);
+            let origin = offset_origin(point.p, point.error, point.ng, ray.direction);
+            if ray.t_max.is_finite() {
+                ray.direction = ray.origin + ray.direction - origin;
+            }
+            ray.origin = origin;
+        }
+    }
+}
+
+/// The medium behind a surface in direction `w`.
+#[inline(always)]
+pub(super) fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) -> u32 {
+    match interface {
+        None => current,
+        Some(m) => medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside }),
+    }
+}
+
+#[inline(always)]
+pub(super) fn medium_index(medium: Option<MediumId>) -> u32 {
+    medium.map_or(NONE, |m| m.0)
+}
