@@ -130,6 +130,19 @@ impl Drop for EmbreeDevice {
     }
 }
 
+/// Threads worth starting to build over `geometry`.
+fn builders(geometry: &[Geometry<'_>], threads: usize) -> usize {
+    let primitives: usize = geometry
+        .iter()
+        .map(|g| match g {
+            Geometry::Triangles { indices, .. } => indices.len(),
+            Geometry::Custom { count, .. } => *count as usize,
+        })
+        .sum();
+    // Some 5 ms of building each.
+    threads.min(1 + primitives / 20_000)
+}
+
 /// Builds a scene with `threads` of ours.
 fn commit(scene: rtc::RTCScene, threads: usize) {
     /// A scene's handle on its way to another thread.
@@ -139,11 +152,15 @@ fn commit(scene: rtc::RTCScene, threads: usize) {
     std::thread::scope(|scope| {
         for _ in 1..threads {
             let handle = Handle(scene);
-            scope.spawn(move || {
+            let build = move || {
                 let handle = handle;
                 // SAFETY: the scene is live until the scope ends.
                 unsafe { rtc::rtcJoinCommitScene(handle.0) };
-            });
+            };
+            // A thread that the system refuses is one fewer.
+            if std::thread::Builder::new().spawn_scoped(scope, build).is_err() {
+                break;
+            }
         }
         // SAFETY: the scene is live.
         unsafe { rtc::rtcJoinCommitScene(scene) };
@@ -177,7 +194,7 @@ impl<'a> EmbreeScene<'a> {
             for g in object {
                 scene.attach(s, g, custom)?;
             }
-            commit(s, options.threads);
+            commit(s, builders(object, options.threads));
         }
         scene.world = scene.new_scene(options);
         for g in world {
@@ -186,7 +203,7 @@ impl<'a> EmbreeScene<'a> {
         for i in instances {
             scene.attach_instance(i);
         }
-        commit(scene.world, options.threads);
+        commit(scene.world, builders(world, options.threads));
         device.check("building the acceleration structure")?;
         Ok(scene)
     }
@@ -433,7 +450,7 @@ unsafe extern "C" fn custom_intersect(args: *const rtc::RTCIntersectFunctionNArg
     let record = unsafe { &mut *args.rayhit.cast::<rtc::RTCRayHit>() };
     let ray = ray_of(&record.ray);
     let Some((t, u, v)) = user.custom.intersect(user.name, args.primID, &ray) else { return };
-    if user.alpha && !user.custom.is_opaque(user.name, args.primID, u, v, &ray) {
+    if user.alpha && !user.custom.is_opaque(user.name, args.primID, (t, u, v), &ray) {
         return;
     }
     // SAFETY: Embree passes the query's context.
@@ -456,8 +473,8 @@ unsafe extern "C" fn custom_occluded(args: *const rtc::RTCOccludedFunctionNArgum
     // SAFETY: with N = 1 the record is one RTCRay.
     let r = unsafe { &mut *args.ray.cast::<rtc::RTCRay>() };
     let ray = ray_of(r);
-    if let Some((_, u, v)) = user.custom.intersect(user.name, args.primID, &ray)
-        && (!user.alpha || user.custom.is_opaque(user.name, args.primID, u, v, &ray))
+    if let Some(hit) = user.custom.intersect(user.name, args.primID, &ray)
+        && (!user.alpha || user.custom.is_opaque(user.name, args.primID, hit, &ray))
     {
         r.tfar = f32::NEG_INFINITY;
     }
@@ -473,7 +490,8 @@ unsafe extern "C" fn filter(args: *const rtc::RTCFilterFunctionNArguments) {
     let ray = ray_of(unsafe { &*args.ray.cast::<rtc::RTCRay>() });
     // SAFETY: with N = 1 the record is one RTCHit.
     let hit = unsafe { &*args.hit.cast::<rtc::RTCHit>() };
-    if !user.custom.is_opaque(user.name, hit.primID, hit.u, hit.v, &ray) {
+    // While a filter runs, the ray ends at the hit it is asked about.
+    if !user.custom.is_opaque(user.name, hit.primID, (ray.t_max, hit.u, hit.v), &ray) {
         // SAFETY: with N = 1 there is one valid flag.
         let valid: &mut c_int = unsafe { &mut *args.valid };
         *valid = 0;

@@ -62,9 +62,9 @@ pub trait Custom: Sync + Send {
     fn bounds(&self, user: u32, primitive: u32) -> (Vec3, Vec3);
     /// Nearest intersection in (t_min, t_max): t, u, v.
     fn intersect(&self, user: u32, primitive: u32, ray: &Ray) -> Option<(f32, f32, f32)>;
-    /// Whether the surface is there at (u, v) for this ray (alpha masks). The answer may depend
-    /// on the ray and the hit, and on nothing else.
-    fn is_opaque(&self, user: u32, primitive: u32, u: f32, v: f32, ray: &Ray) -> bool;
+    /// Whether the surface is there at the hit (t, u, v) of this ray (alpha masks). The answer may
+    /// depend on the ray and the hit, and on nothing else.
+    fn is_opaque(&self, user: u32, primitive: u32, hit: (f32, f32, f32), ray: &Ray) -> bool;
 }
 
 /// Geometry handed to a backend.

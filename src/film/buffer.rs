@@ -2,6 +2,7 @@
 //! computes them, so the sums do not depend on who finished first.
 
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Side of a tile in pixels.
 pub const TILE: u32 = 8;
@@ -18,6 +19,8 @@ pub struct FilmBuffer {
     crop: [u32; 4],
     across: u32,
     tiles: Vec<Mutex<Tile>>,
+    /// A pass will never come: nobody waits for one any more.
+    abandoned: AtomicBool,
 }
 
 /// Pixels of a tile: x0, y0, x1, y1 (exclusive).
@@ -29,7 +32,7 @@ impl FilmBuffer {
     pub fn new(crop: [u32; 4]) -> Self {
         let (w, h) = (crop[2] - crop[0], crop[3] - crop[1]);
         let (across, down) = (w.div_ceil(TILE), h.div_ceil(TILE));
-        let mut buffer = Self { crop, across, tiles: Vec::new() };
+        let mut buffer = Self { crop, across, tiles: Vec::new(), abandoned: AtomicBool::new(false) };
         buffer.tiles = (0..across * down)
             .map(|i| {
                 let [x0, y0, x1, y1] = buffer.rectangle(i);
@@ -54,8 +57,9 @@ impl FilmBuffer {
     }
 
     /// Adds the sums of one pass over tile `i`, in pixel order. Passes of a tile must come in
-    /// order; whoever is early waits, which happens only where a pass ends.
-    pub fn add(&self, i: u32, pass: u32, sums: &[[f32; 4]]) {
+    /// order; whoever is early waits, which happens only where a pass ends. False when the pass before
+    /// was abandoned: nothing is added then.
+    pub fn add(&self, i: u32, pass: u32, sums: &[[f32; 4]]) -> bool {
         loop {
             {
                 let mut tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
@@ -66,11 +70,19 @@ impl FilmBuffer {
                         }
                     }
                     tile.passes += 1;
-                    return;
+                    return true;
                 }
+            }
+            if self.abandoned.load(Ordering::Relaxed) {
+                return false;
             }
             std::thread::yield_now();
         }
+    }
+
+    /// Says that some pass will not come.
+    pub fn abandon(&self) {
+        self.abandoned.store(true, Ordering::Relaxed);
     }
 
     /// Bytes held.
@@ -128,7 +140,9 @@ mod tests {
         std::thread::scope(|s| {
             for pass in (0..3).rev() {
                 let film = &film;
-                s.spawn(move || film.add(0, pass, &[[[1e8, 1.0, -1e8][pass as usize], 0.0, 0.0, 1.0]]));
+                s.spawn(move || {
+                    assert!(film.add(0, pass, &[[[1e8, 1.0, -1e8][pass as usize], 0.0, 0.0, 1.0]]))
+                });
             }
         });
         assert_eq!(film.resolve()[0][0], ((1e8f32 + 1.0) - 1e8) / 3.0);

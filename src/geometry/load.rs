@@ -257,7 +257,7 @@ impl Custom for SceneGeometry {
         }
     }
 
-    fn is_opaque(&self, user: u32, primitive: u32, u: f32, v: f32, ray: &Ray) -> bool {
+    fn is_opaque(&self, user: u32, primitive: u32, (t, u, v): (f32, f32, f32), ray: &Ray) -> bool {
         let surface = &self.surfaces[user as usize];
         let (Some(texture), Some(opacity)) = (surface.alpha, &self.opacity) else { return true };
         let (uv, p) = match &surface.shape {
@@ -272,7 +272,11 @@ impl Custom for SceneGeometry {
                 let p = [i0, i1, i2].map(|i| Vec3::from(m.positions[i]));
                 (uv, p[0] * b[0] + p[1] * b[1] + p[2] * b[2])
             }
-            _ => (Vec2::new(u, v), Vec3::ZERO),
+            SurfaceShape::Patches(patches) => {
+                let p = patches.at(primitive, u.into(), v.into()).0.as_vec3();
+                (patches.uv(primitive, u, v), p)
+            }
+            SurfaceShape::Quadric(_) => (Vec2::new(u, v), ray.origin + ray.direction * t),
         };
         let a = opacity.opacity(texture, uv, p);
         // The draw is a hash of the ray and the primitive, so that it is the same in whatever order

@@ -3,7 +3,7 @@
 //! (Reshetov 2019, "Cool Patches").
 
 use super::Patches;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Corners of a patch in f64, p00 p10 p01 p11.
 fn corners(patches: &Patches, i: u32) -> [DVec3; 4] {
@@ -16,6 +16,16 @@ impl Patches {
     pub fn bounds(&self, i: u32) -> (Vec3, Vec3) {
         let c = self.indices[i as usize].map(|k| Vec3::from_array(self.positions[k as usize]));
         (c[0].min(c[1]).min(c[2]).min(c[3]), c[0].max(c[1]).max(c[2]).max(c[3]))
+    }
+
+    /// Texture coordinates at (u, v): the mesh's, or (u, v) itself.
+    #[must_use]
+    pub fn uv(&self, i: u32, u: f32, v: f32) -> Vec2 {
+        if self.uvs.is_empty() {
+            return Vec2::new(u, v);
+        }
+        let [t00, t10, t01, t11] = self.indices[i as usize].map(|k| Vec2::from(self.uvs[k as usize]));
+        (t00 * (1.0 - u) + t10 * u) * (1.0 - v) + (t01 * (1.0 - u) + t11 * u) * v
     }
 
     /// Position and partial derivatives at (u, v).

@@ -260,7 +260,7 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
     if !patches.uvs.is_empty() {
         let [t00, t10, t01, t11] = corners.map(|i| Vec2::from(patches.uvs[i]));
         let (fu, fv) = (hit.u, hit.v);
-        uv = (t00 * (1.0 - fu) + t10 * fu) * (1.0 - fv) + (t01 * (1.0 - fu) + t11 * fu) * fv;
+        uv = patches.uv(hit.primitive, fu, fv);
         let du = (t10 - t00) * (1.0 - fv) + (t11 - t01) * fv;
         let dv = (t01 - t00) * (1.0 - fu) + (t11 - t10) * fu;
         let determinant = du.perp_dot(dv);

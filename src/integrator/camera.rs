@@ -144,7 +144,7 @@ impl Camera {
                     let (theta, phi) = (PI * uv.y, 2.0 * PI * uv.x);
                     Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
                 } else {
-                    square_to_sphere(uv)
+                    square_to_sphere(fold(uv))
                 };
                 origin = Vec3::ZERO;
                 // pbrt's sphere has z up; the camera has y up.
@@ -156,4 +156,18 @@ impl Camera {
         let ray = Ray::new(self.position + self.turn(origin), self.turn(direction).normalize());
         CameraRay { ray, width, spread }
     }
+}
+
+/// A point beyond an edge of the octahedral square, brought back: each edge is folded in its middle.
+/// A filter reaches over the film's edge by a few pixels only.
+fn fold(mut uv: Vec2) -> Vec2 {
+    if uv.x < 0.0 || uv.x > 1.0 {
+        uv.x = if uv.x < 0.0 { -uv.x } else { 2.0 - uv.x };
+        uv.y = 1.0 - uv.y;
+    }
+    if uv.y < 0.0 || uv.y > 1.0 {
+        uv.y = if uv.y < 0.0 { -uv.y } else { 2.0 - uv.y };
+        uv.x = 1.0 - uv.x;
+    }
+    uv.clamp(Vec2::ZERO, Vec2::ONE)
 }

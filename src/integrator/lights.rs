@@ -18,8 +18,8 @@ use crate::integrator::light::sphere::Sphere;
 use crate::integrator::light::tree::LightTree;
 use crate::integrator::light::{ShapeSample, triangle};
 use crate::math::gamma;
-use crate::scene::{Channels, ImageId, TextureFilter, Wrap};
-use crate::texture::{Footprint, Sampler, Textures};
+use crate::scene::{Channels, ImageId, TextureFilter, TextureId, Wrap};
+use crate::texture::{Footprint, Sampler, TextureCoordinates, Textures};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
 
@@ -67,6 +67,19 @@ pub(super) struct Bounded {
     pub(super) flip: bool,
     /// Its emitter; unused for delta lights.
     pub(super) emitter: u32,
+    /// How much of it is there.
+    pub(super) opacity: Opacity,
+}
+
+/// Alpha of an emitting surface.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Opacity {
+    /// None, or 1 everywhere.
+    Solid,
+    /// Rays find it with this probability.
+    Texture(TextureId),
+    /// 0 everywhere: no ray finds it, but it lights, which is pbrt's way to hide a light.
+    Hidden,
 }
 
 /// A light infinitely far away that is sampled.
@@ -128,8 +141,8 @@ pub struct Lights {
     /// One bounded light and no other: nothing to choose.
     pub(super) single: bool,
     pub(super) textures: Arc<Textures>,
-    /// Texture coordinates of the corners of triangles that emit an image, by light.
-    pub(super) textured_corners: Vec<(u32, [Vec2; 3])>,
+    /// Texture coordinates of the corners of triangles and patches with an image or a mask, by light.
+    pub(super) textured_corners: Vec<(u32, [Vec2; 4])>,
 }
 
 impl Lights {
@@ -264,6 +277,15 @@ impl Lights {
         if let Some(image) = emitter.image {
             radiance *= self.image_at(image, self.uv_of(light, &s));
         }
+        let mut delta = false;
+        match bounded.opacity {
+            Opacity::Solid => {}
+            Opacity::Hidden => delta = true,
+            Opacity::Texture(alpha) => {
+                let at = TextureCoordinates { uv: self.uv_of(light, &s), p: s.point, n: s.n, width: 0.0 };
+                radiance *= self.textures.eval(alpha, &at).x.clamp(0.0, 1.0);
+            }
+        }
         // For a sphere or cylinder the rounding scales with the shape as well; both are within
         // the largest coordinate unless the shape surrounds the origin.
         let error = LIGHT_POINT * (s.point.abs().max_element() + (s.point - p).abs().max_element());
@@ -271,40 +293,53 @@ impl Lights {
             wi,
             radiance,
             pdf: s.pdf_solid_angle * pmf,
-            delta: false,
+            delta,
             target: Target::Surface(s.point, error, s.n),
         })
     }
 
-    /// Texture coordinates of a sampled point: quadrics and patches name their own (u, v);
-    /// triangles of an image light are never merged, and pbrt's default coordinates or the mesh's
-    /// were kept for them.
+    /// Texture coordinates of a sampled point: quadrics name their own; triangles and patches with an
+    /// image or a mask are never merged, and keep the mesh's.
     fn uv_of(&self, light: usize, s: &ShapeSample) -> Vec2 {
         match &self.bounded[light].place {
             Place::Triangle(_) => {
-                let [a, b, c] = self.corner_uvs(light);
+                let [a, b, c, _] =
+                    self.corner_uvs(light).unwrap_or([Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::ONE]);
                 a * s.b0 + b * s.b1 + c * (1.0 - s.b0 - s.b1)
+            }
+            Place::Patch(_) => {
+                let (u, v) = (s.b0, s.b1);
+                let Some([t00, t10, t01, t11]) = self.corner_uvs(light) else { return Vec2::new(u, v) };
+                (t00 * (1.0 - u) + t10 * u) * (1.0 - v) + (t01 * (1.0 - u) + t11 * u) * v
             }
             _ => Vec2::new(s.b0, s.b1),
         }
     }
 
-    fn corner_uvs(&self, light: usize) -> [Vec2; 3] {
-        self.textured_corners
-            .binary_search_by_key(&(light as u32), |c| c.0)
-            .map_or([Vec2::ZERO, Vec2::X, Vec2::ONE], |i| self.textured_corners[i].1)
+    fn corner_uvs(&self, light: usize) -> Option<[Vec2; 4]> {
+        let i = self.textured_corners.binary_search_by_key(&(light as u32), |c| c.0).ok()?;
+        Some(self.textured_corners[i].1)
     }
 
     /// Density [1/sr] with which [`Self::sample`] from `p` would have found `point` of light
-    /// `light`, `distance` away, its normal turned by `cos` > 0 from the line.
+    /// `light`, `distance` away, its normal turned by `cos` > 0 from the line; `parameters` are the
+    /// hit's own (u, v).
     #[inline(always)]
     #[must_use]
-    pub fn pdf_area(&self, p: Vec3, light: u32, point: &SurfacePoint, distance: f32, cos: f32) -> f32 {
+    pub fn pdf_area(
+        &self,
+        p: Vec3,
+        light: u32,
+        point: &SurfacePoint,
+        parameters: Vec2,
+        distance: f32,
+        cos: f32,
+    ) -> f32 {
         let bounded = &self.bounded[light as usize];
         let shape = match &bounded.place {
             Place::Parallelogram(q) => q.pdf(p, distance, cos),
             Place::Triangle([a, b, c]) => triangle::pdf(p, *a, *b, *c, distance, cos),
-            Place::Patch(s) => s.pdf(p, point.uv),
+            Place::Patch(s) => s.pdf(p, parameters),
             Place::Sphere(s) => s.pdf(p, point.p),
             Place::Disk(s) => s.pdf(p, point.p),
             Place::Cylinder(s) => s.pdf(p, point.p),

@@ -11,7 +11,7 @@ use crate::integrator::light::parallelogram::merge_triangles;
 use crate::integrator::light::patch::Patch;
 use crate::integrator::light::sphere::Sphere;
 use crate::integrator::light::tree::{LightBounds, LightTree};
-use crate::integrator::lights::{Bounded, Emitter, Infinite, Lights, NO_LIGHT, Place};
+use crate::integrator::lights::{Bounded, Emitter, Infinite, Lights, NO_LIGHT, Opacity, Place};
 use crate::math::Transform;
 use crate::scene::{AreaLight, Channels, ImageId, Light, SceneDescription, ShapeKind, TextureFilter, Wrap};
 use crate::texture::{Footprint, Sampler, Textures, read_image};
@@ -79,7 +79,7 @@ struct Build<'a> {
     bounds: Vec<LightBounds>,
     infinite: Vec<Infinite>,
     constant: Rgb,
-    textured_corners: Vec<(u32, [Vec2; 3])>,
+    textured_corners: Vec<(u32, [Vec2; 4])>,
 }
 
 /// A light of a surface before it is entered.
@@ -150,6 +150,7 @@ impl<'a> Build<'a> {
             radiance: Rgb::ZERO,
             flip: false,
             emitter: 0,
+            opacity: Opacity::Solid,
         });
         self.bounds.push(bounds);
     }
@@ -159,7 +160,14 @@ impl<'a> Build<'a> {
         let sides = if light.two_sided { 2.0 } else { 1.0 };
         let image_mean = light.image.map_or(1.0, |id| mean_luminance(textures, id));
         let mut light_by_primitive = Vec::new();
-        for (candidate, primitives) in self.candidates(surface, light.image.is_some()) {
+        let opacity = match surface.alpha.map(|t| (t, textures.constant(t))) {
+            None => Opacity::Solid,
+            Some((_, Some(a))) if a.x >= 1.0 => Opacity::Solid,
+            Some((_, Some(a))) if a.x <= 0.0 => Opacity::Hidden,
+            Some((t, _)) => Opacity::Texture(t),
+        };
+        let textured = light.image.is_some() || matches!(opacity, Opacity::Texture(_));
+        for (candidate, primitives) in self.candidates(surface, textured) {
             let Some(candidate) = candidate else {
                 light_by_primitive.extend(std::iter::repeat_n(NO_LIGHT, primitives));
                 continue;
@@ -180,14 +188,11 @@ impl<'a> Build<'a> {
             } else {
                 LightBounds::flat(&candidate.corners, candidate.n, power, light.two_sided)
             });
-            if light.image.is_some()
-                && let SurfaceShape::Mesh(m) = &surface.shape
-                && !m.uvs.is_empty()
-            {
-                let corners = m.indices[light_by_primitive.len() - 1];
-                self.textured_corners.push((id, corners.map(|i| Vec2::from(m.uvs[i as usize]))));
+            if textured && let Some(corners) = corner_uvs(surface, light_by_primitive.len() - 1) {
+                self.textured_corners.push((id, corners));
             }
-            self.bounded.push(Bounded { place: candidate.place, radiance, flip: candidate.flip, emitter });
+            let (place, flip) = (candidate.place, candidate.flip);
+            self.bounded.push(Bounded { place, radiance, flip, emitter, opacity });
         }
         self.emitters.push(Emitter {
             surface: index as u32,
@@ -294,6 +299,20 @@ fn quadric(shape: &ShapeKind, to_world: &Transform, flip: bool) -> Option<Candid
     let n = to_world.normal(Vec3::Z).normalize_or_zero();
     let n = if flip { -n } else { n };
     Some(Candidate { place, corners: flat.unwrap_or_default(), area, n, flip })
+}
+
+/// Texture coordinates that a mesh gives the corners of a primitive; a triangle has its third twice.
+fn corner_uvs(surface: &Surface, primitive: usize) -> Option<[Vec2; 4]> {
+    match &surface.shape {
+        SurfaceShape::Mesh(m) if !m.uvs.is_empty() => {
+            let [a, b, c] = m.indices[primitive].map(|i| Vec2::from(m.uvs[i as usize]));
+            Some([a, b, c, c])
+        }
+        SurfaceShape::Patches(p) if !p.uvs.is_empty() => {
+            Some(p.indices[primitive].map(|i| Vec2::from(p.uvs[i as usize])))
+        }
+        _ => None,
+    }
 }
 
 /// Mean luminance of an image's texels.

@@ -49,6 +49,7 @@ enum Compiled<'a> {
 pub struct Materials<'a> {
     compiled: Vec<Compiled<'a>>,
     needs: Vec<Needs>,
+    may_pass: Vec<bool>,
     textures: &'a Textures,
 }
 
@@ -59,7 +60,8 @@ impl<'a> Materials<'a> {
         let compile = |(i, m): (usize, &'a Material)| compile(m, textures, tables.0[i].as_ref());
         let compiled = scene.materials.iter().enumerate().map(compile).collect();
         let needs = needs(scene, textures);
-        Self { compiled, needs, textures }
+        let may_pass = may_pass(scene);
+        Self { compiled, needs, may_pass, textures }
     }
 
     /// Attributes of a surface that `material` reads.
@@ -68,10 +70,10 @@ impl<'a> Materials<'a> {
         self.needs[material as usize]
     }
 
-    /// Whether rays pass `material` without scattering.
+    /// Whether rays may pass `material` without scattering.
     #[must_use]
-    pub fn is_interface(&self, material: u32) -> bool {
-        matches!(self.compiled[material as usize], Compiled::Interface)
+    pub fn may_pass(&self, material: u32) -> bool {
+        self.may_pass[material as usize]
     }
 
     /// The scattering function at a point; `None` for an interface. `key` decides between mixed
@@ -233,6 +235,22 @@ fn needs(scene: &SceneDescription, textures: &Textures) -> Vec<Needs> {
             }
         }
         if !changed {
+            return all;
+        }
+    }
+}
+
+/// Which materials are interfaces or have one among their parts.
+fn may_pass(scene: &SceneDescription) -> Vec<bool> {
+    let mut all: Vec<bool> = scene.materials.iter().map(|m| *m == Material::Interface).collect();
+    loop {
+        let before = all.clone();
+        for (i, m) in scene.materials.iter().enumerate() {
+            if let Material::Mix { a, b, .. } = m {
+                all[i] |= all[a.index()] || all[b.index()];
+            }
+        }
+        if all == before {
             return all;
         }
     }

@@ -2,10 +2,10 @@
 //! media. Homogeneous and absorbing; what scatters in them is not simulated (the reader warns).
 //! Costs nothing where a scene has neither.
 
-use super::path::{Path, Shadow, World};
+use super::path::{Path, Shadow, SurfaceShading, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::geometry::{Needs, offset_origin};
+use crate::geometry::{SurfacePoint, offset_origin};
 use crate::scene::{MediumId, MediumInterface};
 use crate::stats::Counters;
 use glam::Vec3;
@@ -16,11 +16,9 @@ impl<A: Accel> World<'_, A> {
     pub(super) fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
         while hit.geometry != NONE {
             let shading = &self.shading[self.geometry.surface_of(hit)];
-            if !shading.interface || shading.emitter != NONE {
-                return;
-            }
             let ray = Ray::new(path.origin, path.direction);
-            let point = self.geometry.surface_point(hit, &ray, Needs::default());
+            let key = path.key ^ path.sample;
+            let Some(point) = self.passed(shading, hit, &ray, key) else { return };
             path.beta *= self.transmittance(path.medium, hit.t);
             path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
             path.travelled += hit.t;
@@ -28,6 +26,16 @@ impl<A: Accel> World<'_, A> {
             counters.closest += 1;
             *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
         }
+    }
+
+    /// The point at which a ray passes a surface without scattering; `None` where it does not.
+    fn passed(&self, shading: &SurfaceShading, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
+        if !shading.may_pass || shading.emitter != NONE {
+            return None;
+        }
+        let point = self.geometry.surface_point(hit, ray, shading.needs);
+        let at = self.coordinates(&point, shading.needs);
+        self.materials.bsdf(shading.material, &at, key).is_none().then_some(point)
     }
 
     /// Beer's law over a distance in a medium.
@@ -55,10 +63,8 @@ impl<A: Accel> World<'_, A> {
                 return through * self.transmittance(medium, ray.t_max * length);
             }
             let shading = &self.shading[self.geometry.surface_of(&hit)];
-            if !shading.interface || shading.emitter != NONE {
-                return Rgb::ZERO;
-            }
-            let point = self.geometry.surface_point(&hit, &ray, Needs::default());
+            // A mix decides by the point alone here: a shadow ray is nobody's path.
+            let Some(point) = self.passed(shading, &hit, &ray, 0) else { return Rgb::ZERO };
             through *= self.transmittance(medium, hit.t * length);
             medium = cross(shading.medium, point.ng, ray.direction, medium);
             let origin = offset_origin(point.p, point.error, point.ng, ray.direction);

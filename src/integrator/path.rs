@@ -29,8 +29,8 @@ pub struct SurfaceShading {
     pub emitter: u32,
     /// Attributes the material asks for.
     pub needs: Needs,
-    /// No scattering: rays pass.
-    pub interface: bool,
+    /// Rays may pass without scattering: an interface, or a mix that has one among its parts.
+    pub may_pass: bool,
     /// Media on both sides.
     pub medium: Option<MediumInterface>,
 }
@@ -120,6 +120,16 @@ pub struct Wave {
     pub radiance: Vec<Rgb>,
 }
 
+/// Whether the processor has all that [`World::run_avx2`] is compiled for.
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    use std::arch::is_x86_feature_detected as has;
+    has!("avx2") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
+}
+
+/// Path edges between two looks at whether to stop: some tens of milliseconds for a wave.
+const STOP_EVERY: u32 = 64;
+
 /// How far ahead of shading memory is asked for: indices first, then what they name.
 const PREFETCH_INDICES: usize = 12;
 const PREFETCH_VERTICES: usize = 6;
@@ -144,32 +154,37 @@ impl<'a, A: Accel> World<'a, A> {
         }
     }
 
-    /// Runs the paths of `wave` to their end; `wave.radiance` holds the result.
-    pub fn run(&self, wave: &mut Wave, counters: &mut Counters) {
+    /// Runs the paths of `wave` to their end; `wave.radiance` holds the result. Asks `stop` now and
+    /// then on long paths; false when it said so, and the radiance is then of no use.
+    pub fn run(&self, wave: &mut Wave, counters: &mut Counters, stop: &dyn Fn() -> bool) -> bool {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("bmi2") {
-            // SAFETY: the processor has just been found to have both features.
-            return unsafe { self.run_avx2(wave, counters) };
+        if has_avx2() {
+            // SAFETY: the processor has been found to have every feature it is compiled for.
+            return unsafe { self.run_avx2(wave, counters, stop) };
         }
-        self.run_here(wave, counters);
+        self.run_here(wave, counters, stop)
     }
 
     /// [`Self::run_here`] compiled for processors from 2013 on: the same operations in the same
     /// order, so the same bits, in fewer and wider instructions.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-    fn run_avx2(&self, wave: &mut Wave, counters: &mut Counters) {
-        self.run_here(wave, counters);
+    fn run_avx2(&self, wave: &mut Wave, counters: &mut Counters, stop: &dyn Fn() -> bool) -> bool {
+        self.run_here(wave, counters, stop)
     }
 
     #[inline(always)]
-    fn run_here(&self, wave: &mut Wave, counters: &mut Counters) {
+    fn run_here(&self, wave: &mut Wave, counters: &mut Counters, stop: &dyn Fn() -> bool) -> bool {
         let count = wave.paths.len();
         wave.radiance.clear();
         wave.radiance.resize(count, Rgb::ZERO);
         for depth in 0..=self.max_depth {
             if wave.paths.is_empty() {
                 break;
+            }
+            if depth % STOP_EVERY == STOP_EVERY - 1 && stop() {
+                wave.paths.clear();
+                return false;
             }
             if depth == self.max_depth && depth > 0 {
                 self.last_step(wave, counters);
@@ -180,6 +195,7 @@ impl<'a, A: Accel> World<'a, A> {
             self.connect(wave, counters);
         }
         wave.paths.clear();
+        true
     }
 
     /// Finds what every path's ray meets, passing interfaces.
@@ -252,7 +268,8 @@ impl<'a, A: Accel> World<'a, A> {
         let mut weight = 1.0;
         if path.pdf > 0.0 {
             let distance = path.travelled + hit.t;
-            let pdf = self.lights.pdf_area(path.reference(), light, point, distance, cos.abs());
+            let at = Vec2::new(hit.u, hit.v);
+            let pdf = self.lights.pdf_area(path.reference(), light, point, at, distance, cos.abs());
             weight = power_heuristic(path.pdf, pdf);
         }
         *radiance += path.beta * self.lights.emitted(emitter, light, point.uv) * weight;
@@ -284,14 +301,9 @@ impl<'a, A: Accel> World<'a, A> {
         if depth >= self.max_depth {
             return false;
         }
-        let coordinates = TextureCoordinates {
-            uv: point.uv,
-            p: point.p,
-            n: point.ns,
-            width: if shading.needs.has(Needs::FOOTPRINT) { self.footprint(&point) } else { 0.0 },
-        };
+        let coordinates = self.coordinates(&point, shading.needs);
         let Some(bsdf) = self.materials.bsdf(shading.material, &coordinates, path.key ^ path.sample) else {
-            // An emitting interface: the path goes straight on.
+            // An interface that `trace` did not pass, because it emits.
             path.travelled += hit.t;
             path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
             path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
@@ -350,6 +362,17 @@ impl<'a, A: Accel> World<'a, A> {
             path.beta /= 1.0 - q;
         }
         path.beta != Rgb::ZERO
+    }
+
+    /// Where the textures of a surface are asked for.
+    #[inline(always)]
+    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
+        TextureCoordinates {
+            uv: point.uv,
+            p: point.p,
+            n: point.ns,
+            width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
+        }
     }
 
     /// Width in texture units of a pixel as the camera would see it at `point` (pbrt-v4's

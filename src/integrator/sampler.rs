@@ -3,7 +3,7 @@
 //! (Burley 2020, "Practical Hash-based Owen Scrambling"; hash by Vegdahl 2021).
 //!
 //! Invariant: the first 2^k samples of a pixel are, in each set, a scrambled (t, k, 4)-net, and
-//! no two sets or pixels share a scramble.
+//! sets and pixels have scrambles of their own, but for chance collisions of 32-bit keys.
 
 /// Direction numbers of the first four Sobol dimensions (Joe and Kuo 2008), as the bit-reversed
 /// image of each byte of the index: one load and one xor a byte give four dimensions at once.

@@ -66,7 +66,7 @@ pub(super) fn render(
 
     let materials = Materials::new(scene, &textures, &tables);
     let lights = Lights::new(scene, &geometry, &textures, environments);
-    let emitters = emitters_only(&device, &geometry, &lights)?;
+    let emitters = emitters_only(&device, &geometry, &lights, options)?;
     let shading = shading(&geometry, &materials, &lights);
     let spp = settings.spp.unwrap_or(scene.spp).max(1);
     let roulette = settings.roulette.unwrap_or(true);
@@ -77,7 +77,7 @@ pub(super) fn render(
         accel: &accel,
         emitters_only: emitters.as_ref(),
         geometry: &geometry,
-        has_interfaces: shading.iter().any(|s| s.interface),
+        has_interfaces: shading.iter().any(|s| s.may_pass),
         shading,
         materials,
         lights,
@@ -202,25 +202,18 @@ impl Opacity for TextureOpacity {
     }
 }
 
-/// A scene of the emitting surfaces alone, for the last ray of a path; worth having where they are
-/// few beside the rest, and possible where no instance emits and no mask lets rays through.
+/// A scene of the emitting surfaces alone, for the last ray of a path; `None` where nothing emits.
 fn emitters_only<'g>(
     device: &Arc<EmbreeDevice>,
     geometry: &'g SceneGeometry,
     lights: &Lights,
+    options: BuildOptions,
 ) -> Result<Option<EmbreeScene<'g>>> {
     if lights.emitters.is_empty() {
         return Ok(None);
     }
     let emitting = geometry.describe_emitters();
-    Ok(Some(EmbreeScene::new(
-        device,
-        &emitting,
-        &[],
-        &[],
-        geometry,
-        BuildOptions { robust: false, threads: 1 },
-    )?))
+    Ok(Some(EmbreeScene::new(device, &emitting, &[], &[], geometry, options)?))
 }
 
 fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {
@@ -231,7 +224,7 @@ fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights)
             material: s.material.0,
             emitter: NONE,
             needs: materials.needs(s.material.0),
-            interface: materials.is_interface(s.material.0),
+            may_pass: materials.may_pass(s.material.0),
             medium: s.medium,
         })
         .collect();
@@ -280,7 +273,11 @@ impl<A: Accel> Job<'_, A> {
         (self.control.progress)(Progress::Phase("rendering"));
         let mut total = Counters::default();
         std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.work())).collect();
+            // A thread that the system refuses is one fewer; this one works in any case.
+            let workers: Vec<_> = (1..threads)
+                .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, || self.work()).ok())
+                .collect();
+            total.merge(&self.work());
             for w in workers {
                 match w.join() {
                     Ok(counters) => total.merge(&counters),
@@ -301,7 +298,9 @@ impl<A: Accel> Job<'_, A> {
             * u64::from(self.film.crop[2] - self.film.crop[0])
             * u64::from(self.film.crop[3] - self.film.crop[1]);
         let cpu = stats::thread_cpu_seconds();
-        loop {
+        let abandon = AbandonOnPanic(&self.buffer);
+        // Asked before taking work: whoever holds a later pass of a tile waits for the earlier one.
+        while !self.should_stop() {
             let item = self.next.fetch_add(1, Ordering::Relaxed);
             let (pass, tile) = (item / tiles, item % tiles);
             if pass >= passes {
@@ -309,11 +308,10 @@ impl<A: Accel> Job<'_, A> {
             }
             // Both were u32 before they were multiplied.
             let (pass, tile) = (pass as u32, tile as u32);
-            if self.should_stop() {
-                self.stopped.store(true, Ordering::Relaxed);
+            if !self.tile(tile, pass, &mut wave, &mut scratch, &mut counters) {
                 break;
             }
-            self.tile(tile, pass, &mut wave, &mut scratch, &mut counters);
+            counters.samples += scratch.weights.len() as u64;
             if self.first_pixel.get().is_none() {
                 let _ = self.first_pixel.set(Instant::now());
             }
@@ -323,6 +321,7 @@ impl<A: Accel> Job<'_, A> {
                 (self.control.progress)(Progress::Samples { done, total });
             }
         }
+        drop(abandon);
         if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
             counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
         }
@@ -330,12 +329,24 @@ impl<A: Accel> Job<'_, A> {
     }
 
     fn should_stop(&self) -> bool {
-        self.control.cancel.load(Ordering::Relaxed)
-            || self.deadline.is_some_and(|limit| self.start.elapsed().as_secs_f64() >= limit)
+        let stop = self.control.cancel.load(Ordering::Relaxed)
+            || self.deadline.is_some_and(|limit| self.start.elapsed().as_secs_f64() >= limit);
+        if stop {
+            self.stopped.store(true, Ordering::Relaxed);
+        }
+        stop
     }
 
-    /// One pass over one tile: camera paths for its pixels, run to their end, summed by pixel.
-    fn tile(&self, tile: u32, pass: u32, wave: &mut Wave, scratch: &mut Scratch, counters: &mut Counters) {
+    /// One pass over one tile: camera paths for its pixels, run to their end, summed by pixel. False
+    /// when it was stopped on the way, and added nothing.
+    fn tile(
+        &self,
+        tile: u32,
+        pass: u32,
+        wave: &mut Wave,
+        scratch: &mut Scratch,
+        counters: &mut Counters,
+    ) -> bool {
         let [x0, y0, x1, y1] = self.buffer.rectangle(tile);
         let samples = pass * PASS..((pass + 1) * PASS).min(self.spp);
         scratch.weights.clear();
@@ -358,8 +369,10 @@ impl<A: Accel> Job<'_, A> {
                 }
             }
         }
-        self.world.run(wave, counters);
-        counters.samples += scratch.weights.len() as u64;
+        if !self.world.run(wave, counters, &|| self.should_stop()) {
+            self.buffer.abandon();
+            return false;
+        }
         scratch.sums.clear();
         let per_pixel = samples.len();
         for (radiance, weights) in wave.radiance.chunks(per_pixel).zip(scratch.weights.chunks(per_pixel)) {
@@ -372,7 +385,7 @@ impl<A: Accel> Job<'_, A> {
             }
             scratch.sums.push(sum);
         }
-        self.buffer.add(tile, pass, &scratch.sums);
+        self.buffer.add(tile, pass, &scratch.sums)
     }
 
     /// Exposure and the bound on a sample's components; what is not finite is counted and black.
@@ -385,6 +398,17 @@ impl<A: Accel> Job<'_, A> {
         let l = l * self.film.imaging_ratio;
         let m = l.max_element();
         if m > self.film.max_component_value { l * (self.film.max_component_value / m) } else { l }
+    }
+}
+
+/// Lets no thread wait for the pass that a panic has taken away.
+struct AbandonOnPanic<'a>(&'a FilmBuffer);
+
+impl Drop for AbandonOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.abandon();
+        }
     }
 }
 

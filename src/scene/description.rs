@@ -444,6 +444,21 @@ pub enum Texture {
     },
 }
 
+impl Texture {
+    /// The textures that this one is made of.
+    #[must_use]
+    pub fn parts(&self) -> [Option<TextureId>; 3] {
+        match self {
+            Self::Constant(_) | Self::Image { .. } | Self::Bilerp { .. } => [None; 3],
+            Self::Scale { texture: a, scale: b }
+            | Self::DirectionMix { a, b, .. }
+            | Self::Checkerboard { a, b, .. }
+            | Self::Checkerboard3d { a, b, .. } => [Some(*a), Some(*b), None],
+            Self::Mix { a, b, amount } => [Some(*a), Some(*b), Some(*amount)],
+        }
+    }
+}
+
 /// Emission of a shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AreaLight {

@@ -96,9 +96,9 @@ fn a_crop_window_has_the_pixels_of_the_whole() {
     }
 }
 
-/// Fewer samples are the first of more: a pass of 16 is the same whatever follows.
+/// The number of samples changes noise, not the mean.
 #[test]
-fn samples_do_not_depend_on_their_number() {
+fn more_samples_have_the_same_mean() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let mut scene = everything(folder.path());
     // Footprints of textures follow the number of samples, as pbrt's do.

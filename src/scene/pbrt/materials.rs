@@ -9,7 +9,7 @@ use super::suggest::nearest;
 use crate::color::conductor::conductor_rgb;
 use crate::color::spectrum::Spectrum;
 use crate::color::{Rgb, luminance};
-use crate::error::{Error, Result};
+use crate::error::{Error, Location, Result};
 use crate::scene::{Material, MaterialId, Roughness, Texture, TextureId};
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -50,12 +50,17 @@ pub(super) struct MaterialTable {
     pub(super) named: HashMap<Rc<str>, MaterialId>,
 }
 
+/// Most mixes one inside the other.
+const MAX_MIX_DEPTH: u32 = 256;
+
 impl Reader {
     /// Builds all materials: named ones in order, then the others, as pbrt does, so that a named mix
     /// refers to what stands before it.
     pub(super) fn build_materials(&mut self) -> Result<MaterialTable> {
         let default = Material::Diffuse { reflectance: self.constant(Rgb::splat(0.5))? };
-        let mut table = MaterialTable { unnamed: vec![self.push_material(default)?], named: HashMap::new() };
+        self.scene.materials.push(default);
+        self.mix_depths.push(0);
+        let mut table = MaterialTable { unnamed: vec![MaterialId(0)], named: HashMap::new() };
         for (name, params) in std::mem::take(&mut self.named_materials) {
             let Some((kind, _)) = params.string("type")? else {
                 let name = shown(name.as_bytes());
@@ -63,20 +68,30 @@ impl Reader {
                     format!("material \"{name}\" has no type; add \"string type\" \"diffuse\" or another");
                 return Err(Error::at(&params.at, what));
             };
+            let at = params.at.clone();
             let item = Item { name: kind.into(), params };
             let material = self.material(&item, &table.named)?;
-            let id = self.push_material(material)?;
+            let id = self.push_material(material, &at)?;
             table.named.insert(name, id);
         }
         for item in std::mem::take(&mut self.materials) {
             let material = self.material(&item, &table.named)?;
-            let id = self.push_material(material)?;
+            let id = self.push_material(material, &item.params.at)?;
             table.unnamed.push(id);
         }
         Ok(table)
     }
 
-    fn push_material(&mut self, material: Material) -> Result<MaterialId> {
+    fn push_material(&mut self, material: Material, at: &Location) -> Result<MaterialId> {
+        let depth = match &material {
+            Material::Mix { a, b, .. } => 1 + self.mix_depths[a.index()].max(self.mix_depths[b.index()]),
+            _ => 0,
+        };
+        if depth > MAX_MIX_DEPTH {
+            let what = format!("mixes {depth} deep; {MAX_MIX_DEPTH} at most");
+            return Err(Error::at(at, what));
+        }
+        self.mix_depths.push(depth);
         let id = MaterialId(index(self.scene.materials.len())?);
         self.scene.materials.push(material);
         Ok(id)

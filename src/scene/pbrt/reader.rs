@@ -137,6 +137,8 @@ pub(super) struct Reader {
     /// `Material` directives, after pbrt's default.
     pub(super) materials: Vec<Item>,
     pub(super) named_materials: Vec<(Rc<str>, Params)>,
+    /// How deep each material of the scene mixes.
+    pub(super) mix_depths: Vec<u32>,
     material_names: HashSet<Rc<str>>,
     /// `None` where vacuum stands in.
     pub(super) media: HashMap<Rc<str>, Option<MediumId>>,
@@ -171,6 +173,7 @@ impl Reader {
             textures: Textures::default(),
             materials: Vec::new(),
             named_materials: Vec::new(),
+            mix_depths: Vec::new(),
             material_names: HashSet::new(),
             media: HashMap::new(),
             objects: HashMap::new(),

@@ -27,6 +27,18 @@ pub(super) struct PendingTexture {
     pub(super) texture_to_world: Rc<Transform>,
 }
 
+/// What an evaluation of a texture visits.
+#[derive(Clone, Copy)]
+struct Weight {
+    depth: u32,
+    nodes: u64,
+}
+
+/// Most textures one inside the other, and most of them in one lookup: expressions share parts, so
+/// a page of text can name more than any machine evaluates.
+const MAX_DEPTH: u32 = 256;
+const MAX_NODES: u64 = 100_000;
+
 /// Textures declared, waiting and built.
 #[derive(Default)]
 pub(super) struct Textures {
@@ -36,6 +48,8 @@ pub(super) struct Textures {
     /// By [`Use`].
     spectra: HashMap<Rc<str>, Option<[TextureId; 3]>>,
     constants: HashMap<[u32; 3], TextureId>,
+    /// What an evaluation of each texture of the scene visits.
+    weights: Vec<Weight>,
     images: HashMap<(PathBuf, u32), ImageId>,
 }
 
@@ -74,7 +88,7 @@ impl Reader {
         for t in images.chain(pending.iter().filter(|t| !is_image(t))) {
             if t.float {
                 let texture = self.texture_of(t, None)?;
-                let id = self.push_texture(texture)?;
+                let id = self.push_texture(texture, &t.item.params.at)?;
                 self.textures.floats.insert(t.name.clone(), Some(id));
             } else {
                 let mut ids = [TextureId(0); 3];
@@ -83,7 +97,7 @@ impl Reader {
                     let texture = self.texture_of(t, Some(how))?;
                     ids[i] = match built.iter().position(|b| *b == texture) {
                         Some(same) => ids[same],
-                        None => self.push_texture(texture.clone())?,
+                        None => self.push_texture(texture.clone(), &t.item.params.at)?,
                     };
                     built.push(texture);
                 }
@@ -94,12 +108,26 @@ impl Reader {
         Ok(())
     }
 
-    fn push_texture(&mut self, texture: Texture) -> Result<TextureId> {
+    fn push_texture(&mut self, texture: Texture, at: &Location) -> Result<TextureId> {
         if let Texture::Constant(value) = texture {
             return self.constant(value);
         }
+        let mut weight = Weight { depth: 1, nodes: 1 };
+        for part in texture.parts().into_iter().flatten() {
+            let part = self.textures.weights[part.index()];
+            weight.depth = weight.depth.max(part.depth + 1);
+            weight.nodes = weight.nodes.saturating_add(part.nodes);
+        }
+        if weight.depth > MAX_DEPTH || weight.nodes > MAX_NODES {
+            let what = format!(
+                "a texture of {} others, {} deep; {MAX_NODES} and {MAX_DEPTH} at most",
+                weight.nodes, weight.depth
+            );
+            return Err(Error::at(at, what));
+        }
         let id = TextureId(index(self.scene.textures.len())?);
         self.scene.textures.push(texture);
+        self.textures.weights.push(weight);
         Ok(id)
     }
 
@@ -111,6 +139,7 @@ impl Reader {
         }
         let id = TextureId(index(self.scene.textures.len())?);
         self.scene.textures.push(Texture::Constant(value));
+        self.textures.weights.push(Weight { depth: 1, nodes: 1 });
         self.textures.constants.insert(key, id);
         Ok(id)
     }

@@ -6,6 +6,7 @@ mod direct;
 mod environment;
 mod film;
 mod furnace;
+mod masks;
 mod media;
 mod placement;
 mod shapes;
