@@ -91,6 +91,6 @@ step off 'make test'
 # Nothing must be left for a second build to do.
 step off 'make build >/tmp/second 2>&1 && cat /tmp/second && ! grep -q Compiling /tmp/second'
 # Below another path binaries must still find their Embree: the test that asks it most is run from there.
-step off 'rm -rf /tmp/moved && mv target /tmp/moved && ls /tmp/moved/debug/deps/embree_abi-* | grep -v "\.d$" >/tmp/tests &&
-  while read -r test; do "$test" || exit 1; done </tmp/tests'
+step off 'rm -rf /tmp/moved && mv target /tmp/moved &&
+  /tmp/moved/release/weir render scenes/furnace.pbrt --spp 4 -o /tmp/furnace.exr'
 echo "== clean room ($suite): all steps passed"
