@@ -131,24 +131,6 @@ fn constant_alpha(roughness: &Roughness, textures: &Textures) -> Option<(f32, f3
     Some(alpha(roughness, |t| if t == roughness.u { u } else { v }))
 }
 
-/// Textures that a material reads.
-fn textures_of(m: &Material) -> Vec<TextureId> {
-    match m {
-        Material::Diffuse { reflectance } => vec![*reflectance],
-        Material::CoatedDiffuse { reflectance, roughness, .. }
-        | Material::ConductorReflectance { reflectance, roughness } => {
-            vec![*reflectance, roughness.u, roughness.v]
-        }
-        Material::Conductor { eta, k, roughness } => vec![*eta, *k, roughness.u, roughness.v],
-        Material::Dielectric { roughness, .. } => vec![roughness.u, roughness.v],
-        Material::DiffuseTransmission { reflectance, transmittance, .. } => {
-            vec![*reflectance, *transmittance]
-        }
-        Material::Mix { amount, .. } => vec![*amount],
-        Material::ThinDielectric { .. } | Material::Interface => vec![],
-    }
-}
-
 fn is_anisotropic(m: &Material) -> bool {
     match m {
         Material::CoatedDiffuse { roughness, .. }
@@ -163,7 +145,7 @@ fn compile<'a>(m: &'a Material, textures: &'a Textures, tables: Option<&'a Coate
     if let Material::Mix { a, b, amount } = m {
         return Compiled::Mix { a: a.0, b: b.0, amount: *amount };
     }
-    if textures_of(m).iter().all(|t| textures.constant(*t).is_some()) {
+    if m.textures().iter().all(|t| textures.constant(*t).is_some()) {
         let value = |t: TextureId| textures.constant(t).expect("all textures of this material are constant");
         return evaluate(m, tables, &value).map_or(Compiled::Interface, Compiled::Ready);
     }
@@ -211,7 +193,7 @@ fn evaluate<'a>(
 fn needs(scene: &SceneDescription, textures: &Textures) -> Vec<Needs> {
     let own = |m: &Material| {
         let mut needs = Needs::default();
-        for t in textures_of(m) {
+        for t in m.textures() {
             if textures.constant(t).is_none() {
                 needs = needs.and(Needs::UV);
             }

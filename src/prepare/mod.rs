@@ -55,23 +55,12 @@ impl Walk<'_> {
         if std::mem::replace(&mut self.textures[id.index()], true) {
             return;
         }
-        match &self.scene.textures[id.index()] {
-            Texture::Constant(_) | Texture::Bilerp { .. } => {}
-            Texture::Image { image, filter, .. } => {
-                self.image(*image, matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa));
-            }
-            Texture::Scale { texture: a, scale: b }
-            | Texture::DirectionMix { a, b, .. }
-            | Texture::Checkerboard { a, b, .. }
-            | Texture::Checkerboard3d { a, b, .. } => {
-                self.texture(*a);
-                self.texture(*b);
-            }
-            Texture::Mix { a, b, amount } => {
-                for t in [a, b, amount] {
-                    self.texture(*t);
-                }
-            }
+        let texture = &self.scene.textures[id.index()];
+        if let Texture::Image { image, filter, .. } = texture {
+            self.image(*image, matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa));
+        }
+        for part in texture.parts().into_iter().flatten() {
+            self.texture(part);
         }
     }
 
@@ -79,33 +68,13 @@ impl Walk<'_> {
         if std::mem::replace(&mut self.materials[id.index()], true) {
             return;
         }
-        match &self.scene.materials[id.index()] {
-            Material::Diffuse { reflectance } => self.texture(*reflectance),
-            Material::CoatedDiffuse { reflectance, roughness, .. }
-            | Material::ConductorReflectance { reflectance, roughness } => {
-                for t in [*reflectance, roughness.u, roughness.v] {
-                    self.texture(t);
-                }
-            }
-            Material::Conductor { eta, k, roughness } => {
-                for t in [*eta, *k, roughness.u, roughness.v] {
-                    self.texture(t);
-                }
-            }
-            Material::Dielectric { roughness, .. } => {
-                self.texture(roughness.u);
-                self.texture(roughness.v);
-            }
-            Material::DiffuseTransmission { reflectance, transmittance, .. } => {
-                self.texture(*reflectance);
-                self.texture(*transmittance);
-            }
-            Material::Mix { a, b, amount } => {
-                self.material(*a);
-                self.material(*b);
-                self.texture(*amount);
-            }
-            Material::ThinDielectric { .. } | Material::Interface => {}
+        let material = &self.scene.materials[id.index()];
+        for texture in material.textures() {
+            self.texture(texture);
+        }
+        if let Material::Mix { a, b, .. } = material {
+            self.material(*a);
+            self.material(*b);
         }
     }
 }

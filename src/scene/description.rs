@@ -272,6 +272,27 @@ pub enum Material {
     Interface,
 }
 
+impl Material {
+    /// The textures that it reads itself; a mix's sides read their own.
+    #[must_use]
+    pub fn textures(&self) -> Vec<TextureId> {
+        match self {
+            Self::Diffuse { reflectance } => vec![*reflectance],
+            Self::CoatedDiffuse { reflectance, roughness, .. }
+            | Self::ConductorReflectance { reflectance, roughness } => {
+                vec![*reflectance, roughness.u, roughness.v]
+            }
+            Self::Conductor { eta, k, roughness } => vec![*eta, *k, roughness.u, roughness.v],
+            Self::Dielectric { roughness, .. } => vec![roughness.u, roughness.v],
+            Self::DiffuseTransmission { reflectance, transmittance, .. } => {
+                vec![*reflectance, *transmittance]
+            }
+            Self::Mix { amount, .. } => vec![*amount],
+            Self::ThinDielectric { .. } | Self::Interface => vec![],
+        }
+    }
+}
+
 /// How (u, v) of a texture follows from a hit.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mapping {
