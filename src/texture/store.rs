@@ -6,10 +6,10 @@
 //! become a bad image. Never decides what is needed, never opens a file after loading.
 
 use super::encoding::{self, Encoder};
-use super::filter::{Footprint, Sampler, View};
+use super::filter::{self, Footprint, Sampler};
 use super::image_io::{ImageData, Pixels, read_image};
 use super::pyramid;
-use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Rgba8, RgbaFloat, RgbaHalf, Texel};
+use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -35,6 +35,18 @@ struct Stored {
     table: Box<[f32; 256]>,
     levels: Vec<Level>,
     memory: Memory,
+}
+
+impl Stored {
+    #[inline(always)]
+    fn lookup<T: Texel>(&self, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+        filter::lookup(
+            &mut Resident::<T>::new(&self.memory, &self.levels, &self.table),
+            uv,
+            footprint,
+            sampler,
+        )
+    }
 }
 
 /// All images of a scene.
@@ -88,14 +100,13 @@ impl TextureStore {
     #[must_use]
     pub fn lookup(&self, id: ImageId, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Rgb {
         let Some(Some(image)) = self.images.get(id.index()) else { return Rgb::ZERO };
-        let view = View { memory: &image.memory, levels: &image.levels, table: &image.table };
         let value = match image.kind {
-            Kind::Rgba8 => view.lookup::<Rgba8>(uv, footprint, sampler),
-            Kind::Grey8 => view.lookup::<Grey8>(uv, footprint, sampler),
-            Kind::RgbaHalf => view.lookup::<RgbaHalf>(uv, footprint, sampler),
-            Kind::GreyHalf => view.lookup::<GreyHalf>(uv, footprint, sampler),
-            Kind::RgbaFloat => view.lookup::<RgbaFloat>(uv, footprint, sampler),
-            Kind::GreyFloat => view.lookup::<GreyFloat>(uv, footprint, sampler),
+            Kind::Rgba8 => image.lookup::<Rgba8>(uv, footprint, sampler),
+            Kind::Grey8 => image.lookup::<Grey8>(uv, footprint, sampler),
+            Kind::RgbaHalf => image.lookup::<RgbaHalf>(uv, footprint, sampler),
+            Kind::GreyHalf => image.lookup::<GreyHalf>(uv, footprint, sampler),
+            Kind::RgbaFloat => image.lookup::<RgbaFloat>(uv, footprint, sampler),
+            Kind::GreyFloat => image.lookup::<GreyFloat>(uv, footprint, sampler),
         };
         match sampler.channels {
             Channels::Rgb => value.truncate(),

@@ -4,9 +4,11 @@
 //! Invariant: one anonymous map holds all levels of an image; blocks are in row order; texels that
 //! pad the last blocks are zero and never read. Never converts colours; `store` does on the way in.
 
+use super::filter::TexelSource;
 use glam::Vec4;
 use memmap2::MmapMut;
 use rayon::prelude::*;
+use std::marker::PhantomData;
 
 const HUGE_PAGE_BYTES: usize = 2 << 20;
 
@@ -190,6 +192,70 @@ impl Memory {
             levels.iter_mut().for_each(|l| l.start += shift);
         }
         Ok((Self { map, bytes }, levels))
+    }
+}
+
+/// An image that is in memory as a whole, for filters.
+pub(super) struct Resident<'a, T> {
+    memory: &'a Memory,
+    levels: &'a [Level],
+    table: &'a [f32; 256],
+    texel: PhantomData<T>,
+}
+
+impl<'a, T: Texel> Resident<'a, T> {
+    #[inline(always)]
+    pub(super) fn new(memory: &'a Memory, levels: &'a [Level], table: &'a [f32; 256]) -> Self {
+        Self { memory, levels, table, texel: PhantomData }
+    }
+
+    #[inline(always)]
+    fn quad_of(
+        &self,
+        level: usize,
+        x: [u32; 2],
+        y: [u32; 2],
+        decode: impl Fn(T, &[f32; 256]) -> Vec4,
+    ) -> [Vec4; 4] {
+        let l = &self.levels[level];
+        let texels = l.texels::<T>(self.memory);
+        // Written out: as a map over an array this becomes calls.
+        let (c0, c1) = (l.column::<T>(x[0]), l.column::<T>(x[1]));
+        let (r0, r1) = (l.row::<T>(y[0]), l.row::<T>(y[1]));
+        [
+            decode(texels[r0 + c0], self.table),
+            decode(texels[r0 + c1], self.table),
+            decode(texels[r1 + c0], self.table),
+            decode(texels[r1 + c1], self.table),
+        ]
+    }
+}
+
+impl<T: Texel> TexelSource for Resident<'_, T> {
+    #[inline(always)]
+    fn levels(&self) -> usize {
+        self.levels.len()
+    }
+
+    #[inline(always)]
+    fn size(&self, level: usize) -> (u32, u32) {
+        (self.levels[level].width, self.levels[level].height)
+    }
+
+    #[inline(always)]
+    fn texel(&mut self, level: usize, x: u32, y: u32) -> Vec4 {
+        let l = &self.levels[level];
+        l.texels::<T>(self.memory)[l.index::<T>(x, y)].decode(self.table)
+    }
+
+    #[inline(always)]
+    fn quad(&mut self, level: usize, x: [u32; 2], y: [u32; 2]) -> [Vec4; 4] {
+        self.quad_of(level, x, y, T::decode)
+    }
+
+    #[inline(always)]
+    fn quad_rgb(&mut self, level: usize, x: [u32; 2], y: [u32; 2]) -> [Vec4; 4] {
+        self.quad_of(level, x, y, T::decode_rgb)
     }
 }
 
