@@ -13,8 +13,10 @@ mod pfm;
 mod pyramid;
 mod store;
 mod texels;
+mod tiled;
 
 pub use eval::{TextureCoordinates, Textures};
 pub use filter::{Footprint, Sampler};
 pub use image_io::{ImageData, MAX_DECODED_BYTES, MAX_SIDE, Pixels, read_image};
 pub use store::TextureStore;
+pub use tiled::{Caching, Component, DEFAULT_OPEN_FILES, FilePool, TileLevel, TileScratch, TiledFile};

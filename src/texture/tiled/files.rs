@@ -1,0 +1,402 @@
+//! Open files: at most so many at a time, closed in the order of their use, read at positions by
+//! many threads, and by default past the operating system's page cache, so that a tile is not kept
+//! a second time where no budget counts it.
+//!
+//! Invariant: a file that was replaced or rewritten since it was first opened is an error before a
+//! byte of it is used. Never opens, reads or closes a file inside the lock; never reads beyond the
+//! 4 KiB blocks that cover what was asked for.
+
+use super::blocks::{BLOCK_BYTES, Blocks};
+use crate::error::{Error, Result};
+use lru::LruCache;
+use rustix::fs::{Advice, OFlags};
+use std::fs::{File, Metadata};
+use std::num::NonZeroU64;
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Files that are open at a time unless told otherwise: well below the usual limit of 1024.
+pub const DEFAULT_OPEN_FILES: usize = 128;
+
+/// What becomes of the bytes that are read, in the operating system's memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Caching {
+    /// They bypass its page cache, or are dropped from there at once where the filesystem knows no
+    /// direct reads.
+    Direct,
+    /// They stay in its page cache as long as it likes. For measuring.
+    System,
+}
+
+/// What tells one file from another of the same name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Stamp {
+    device: u64,
+    inode: u64,
+    bytes: u64,
+    modified_seconds: i64,
+    modified_nanoseconds: i64,
+}
+
+impl Stamp {
+    fn of(meta: &Metadata) -> Self {
+        Self {
+            device: meta.dev(),
+            inode: meta.ino(),
+            bytes: meta.len(),
+            modified_seconds: meta.mtime(),
+            modified_nanoseconds: meta.mtime_nsec(),
+        }
+    }
+}
+
+/// An open file; counts itself while it lives.
+struct Open {
+    file: File,
+    /// Opened for direct reads.
+    direct: AtomicBool,
+    now: Arc<AtomicUsize>,
+}
+
+impl Drop for Open {
+    fn drop(&mut self) {
+        self.now.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+struct State {
+    open: LruCache<u64, Arc<Open>>,
+    /// Places promised to threads that are opening a file.
+    opening: usize,
+}
+
+/// At most so many open files for any number of [`PooledFile`]s.
+pub struct FilePool {
+    limit: usize,
+    caching: Caching,
+    state: Mutex<State>,
+    next_id: AtomicU64,
+    opens: AtomicU64,
+    now: Arc<AtomicUsize>,
+    peak: AtomicUsize,
+}
+
+impl FilePool {
+    /// A pool of `limit` open files, at least one. Threads that read more different files than
+    /// that in the same instant exceed it by what they hold.
+    #[must_use]
+    pub fn new(limit: usize, caching: Caching) -> Self {
+        Self {
+            limit: limit.max(1),
+            caching,
+            state: Mutex::new(State { open: LruCache::unbounded(), opening: 0 }),
+            next_id: AtomicU64::new(0),
+            opens: AtomicU64::new(0),
+            now: Arc::new(AtomicUsize::new(0)),
+            peak: AtomicUsize::new(0),
+        }
+    }
+
+    /// How often a file was opened.
+    #[must_use]
+    pub fn opens(&self) -> u64 {
+        self.opens.load(Ordering::Relaxed)
+    }
+
+    /// The most files that were open at a time.
+    #[must_use]
+    pub fn open_peak(&self) -> usize {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing that can panic runs between two consistent states.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Opens the file at the system's door, counted.
+    fn open_new(&self, path: &Path, direct: bool) -> std::io::Result<Open> {
+        let open = |flags: OFlags| {
+            let flags = i32::try_from(flags.bits()).unwrap_or(0);
+            std::fs::OpenOptions::new().read(true).custom_flags(flags).open(path)
+        };
+        // NONBLOCK: to open a pipe must not wait for a writer. Files do not mind.
+        let (file, direct) = match direct.then(|| open(DIRECT | OFlags::NONBLOCK)) {
+            Some(Ok(file)) => (file, true),
+            Some(Err(e)) if !refuses_direct(&e) => return Err(e),
+            Some(Err(_)) | None => (open(OFlags::NONBLOCK)?, false),
+        };
+        let now = self.now.fetch_add(1, Ordering::Relaxed) + 1;
+        self.peak.fetch_max(now, Ordering::Relaxed);
+        self.opens.fetch_add(1, Ordering::Relaxed);
+        Ok(Open { file, direct: AtomicBool::new(direct), now: Arc::clone(&self.now) })
+    }
+
+    /// Promises a place for one more file; whatever made room is closed after the lock.
+    fn make_room(&self) {
+        let mut evicted = Vec::new();
+        let mut state = self.lock();
+        while !state.open.is_empty() && state.open.len() + state.opening >= self.limit {
+            // A file that someone reads stays open anyway: better one that closes now.
+            let idle =
+                state.open.iter().rev().find(|(_, open)| Arc::strong_count(open) == 1).map(|(&id, _)| id);
+            evicted.push(match idle {
+                Some(id) => state.open.pop(&id),
+                None => state.open.pop_lru().map(|(_, open)| open),
+            });
+        }
+        state.opening += 1;
+        drop(state);
+    }
+
+    /// Opens `path` for the first time.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it cannot be opened, [`Error::Input`] when it is no regular file.
+    pub(super) fn open(self: &Arc<Self>, path: &Path) -> Result<PooledFile> {
+        self.make_room();
+        let opened = self.open_new(path, self.caching == Caching::Direct).and_then(|open| {
+            let meta = open.file.metadata()?;
+            Ok((open, meta))
+        });
+        let id = self.next_id.fetch_add(1, Ordering::Relaxed);
+        let mut state = self.lock();
+        state.opening -= 1;
+        let (open, meta) = match opened {
+            Ok(opened) => opened,
+            Err(e) => {
+                drop(state);
+                return Err(Error::io(path, e));
+            }
+        };
+        if !meta.is_file() {
+            drop(state);
+            return Err(Error::file(path, "not a regular file; an image is needed"));
+        }
+        let direct_refused = !open.direct.load(Ordering::Relaxed);
+        state.open.put(id, Arc::new(open));
+        drop(state);
+        Ok(PooledFile {
+            pool: Arc::clone(self),
+            id,
+            path: path.to_path_buf(),
+            stamp: Stamp::of(&meta),
+            direct_refused: AtomicBool::new(direct_refused),
+        })
+    }
+}
+
+#[cfg(target_os = "linux")]
+const DIRECT: OFlags = OFlags::DIRECT;
+#[cfg(not(target_os = "linux"))]
+const DIRECT: OFlags = OFlags::empty();
+
+/// Whether the filesystem said that it knows no direct reads.
+fn refuses_direct(e: &std::io::Error) -> bool {
+    matches!(
+        rustix::io::Errno::from_io_error(e),
+        Some(rustix::io::Errno::INVAL | rustix::io::Errno::OPNOTSUPP | rustix::io::Errno::NOSYS)
+    )
+}
+
+/// A file of a pool, open or not; what it was when first opened.
+pub(super) struct PooledFile {
+    pool: Arc<FilePool>,
+    id: u64,
+    path: PathBuf,
+    stamp: Stamp,
+    /// The filesystem refused direct reads of this file.
+    direct_refused: AtomicBool,
+}
+
+/// Why a read failed, for people; without the file's name.
+pub(super) type Cause = String;
+
+impl PooledFile {
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Length in bytes when it was first opened.
+    pub(super) fn bytes(&self) -> u64 {
+        self.stamp.bytes
+    }
+
+    /// Its open file, unchanged since the first time.
+    fn get(&self) -> std::result::Result<Arc<Open>, Cause> {
+        let open = self.pool.lock().open.get(&self.id).map(Arc::clone);
+        let open = match open {
+            Some(open) => open,
+            None => self.reopen().map_err(|e| format!("cannot be opened again: {e}"))?,
+        };
+        let meta = open.file.metadata().map_err(|e| e.to_string())?;
+        if Stamp::of(&meta) != self.stamp {
+            return Err("the file changed while rendering; keep textures as they are until the end".into());
+        }
+        Ok(open)
+    }
+
+    fn reopen(&self) -> std::io::Result<Arc<Open>> {
+        let pool = &*self.pool;
+        pool.make_room();
+        let direct = pool.caching == Caching::Direct && !self.direct_refused.load(Ordering::Relaxed);
+        let opened = pool.open_new(&self.path, direct);
+        let mut state = pool.lock();
+        state.opening -= 1;
+        // Two threads may have opened it: the first one's is kept, the other's closes after the lock.
+        let (kept, spare) = match (state.open.get(&self.id).map(Arc::clone), opened) {
+            (Some(first), second) => (Ok(first), second.ok()),
+            (None, Ok(open)) => {
+                let open = Arc::new(open);
+                state.open.put(self.id, Arc::clone(&open));
+                (Ok(open), None)
+            }
+            (None, Err(e)) => (Err(e), None),
+        };
+        drop(state);
+        drop(spare);
+        kept
+    }
+
+    /// The `len` bytes at `offset`, in `buffer`, and how many bytes were read for them.
+    pub(super) fn read<'b>(
+        &self,
+        offset: u64,
+        len: usize,
+        buffer: &'b mut Blocks,
+    ) -> std::result::Result<(&'b [u8], u64), Cause> {
+        let open = self.get()?;
+        let skip = (offset % BLOCK_BYTES as u64) as usize;
+        // The same for every kind of read, so that scratch does not grow when a file is refused.
+        let covering = buffer.bytes_mut((skip + len).next_multiple_of(BLOCK_BYTES));
+        let read = match self.direct(&open, offset - skip as u64, covering, skip + len)? {
+            Some(read) => read,
+            None => self.plain(&open, offset, &mut covering[skip..skip + len])?,
+        };
+        Ok((&covering[skip..skip + len], read))
+    }
+
+    /// Reads at `offset` until `out` is full; returns how many bytes were read for it. `scratch` is
+    /// used when the bytes cannot be read directly to where they belong.
+    pub(super) fn read_into(
+        &self,
+        offset: u64,
+        out: &mut [u8],
+        scratch: &mut Blocks,
+    ) -> std::result::Result<u64, Cause> {
+        let aligned = out.as_ptr().align_offset(BLOCK_BYTES) == 0
+            && offset.is_multiple_of(BLOCK_BYTES as u64)
+            && out.len().is_multiple_of(BLOCK_BYTES);
+        let refused = self.direct_refused.load(Ordering::Relaxed);
+        if self.pool.caching == Caching::Direct && !refused && !aligned {
+            let (bytes, read) = self.read(offset, out.len(), scratch)?;
+            out.copy_from_slice(bytes);
+            return Ok(read);
+        }
+        let open = self.get()?;
+        let len = out.len();
+        match self.direct(&open, offset, out, len)? {
+            Some(read) => Ok(read),
+            None => self.plain(&open, offset, out),
+        }
+    }
+
+    /// Reads whole blocks past the page cache until the first `needed` bytes of `out` are there;
+    /// `None` where that is not done.
+    fn direct(
+        &self,
+        open: &Open,
+        offset: u64,
+        out: &mut [u8],
+        needed: usize,
+    ) -> std::result::Result<Option<u64>, Cause> {
+        if !open.direct.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let mut got = 0;
+        while got < needed {
+            match open.file.read_at(&mut out[got..], offset + got as u64) {
+                Ok(0) => return Err(cut_short()),
+                Ok(n) => got += n,
+                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(e) if refuses_direct(&e) && got % BLOCK_BYTES == 0 => {
+                    // It let us open the file so and will not read it so.
+                    rustix::fs::fcntl_setfl(&open.file, OFlags::empty()).map_err(|e| e.to_string())?;
+                    open.direct.store(false, Ordering::Relaxed);
+                    self.direct_refused.store(true, Ordering::Relaxed);
+                    return Ok(None);
+                }
+                Err(e) => return Err(e.to_string()),
+            }
+            if got < needed && got % BLOCK_BYTES != 0 {
+                return Err(cut_short());
+            }
+        }
+        Ok(Some(got as u64))
+    }
+
+    fn plain(&self, open: &Open, offset: u64, out: &mut [u8]) -> std::result::Result<u64, Cause> {
+        open.file.read_exact_at(out, offset).map_err(|e| match e.kind() {
+            std::io::ErrorKind::UnexpectedEof => cut_short(),
+            _ => e.to_string(),
+        })?;
+        if self.pool.caching == Caching::Direct {
+            // Advice: where it is not taken, the system keeps a copy and nothing else is wrong. Only
+            // whole pages are dropped, hence the covering ones.
+            let start = offset - offset % BLOCK_BYTES as u64;
+            let end = (offset + out.len() as u64).next_multiple_of(BLOCK_BYTES as u64);
+            let _ = rustix::fs::fadvise(&open.file, start, NonZeroU64::new(end - start), Advice::DontNeed);
+        }
+        Ok(out.len() as u64)
+    }
+}
+
+impl Drop for PooledFile {
+    fn drop(&mut self) {
+        let open = self.pool.lock().open.pop(&self.id);
+        drop(open);
+    }
+}
+
+fn cut_short() -> Cause {
+    "the file ends within it".into()
+}
+
+/// Small pieces of a file, read in larger ones.
+pub(super) struct Window<'f> {
+    file: &'f PooledFile,
+    blocks: Blocks,
+    start: u64,
+    len: usize,
+}
+
+impl<'f> Window<'f> {
+    /// Directories of small levels are near each other; so many bytes bring several at once.
+    const BYTES: usize = 64 << 10;
+
+    pub(super) fn new(file: &'f PooledFile) -> Self {
+        Self { file, blocks: Blocks::default(), start: 0, len: 0 }
+    }
+
+    /// Length of the file.
+    pub(super) fn file_bytes(&self) -> u64 {
+        self.file.bytes()
+    }
+
+    /// `len` bytes at `at`.
+    pub(super) fn bytes(&mut self, at: u64, len: usize) -> std::result::Result<&[u8], Cause> {
+        let end = at.checked_add(len as u64).filter(|&end| end <= self.file.bytes());
+        let end =
+            end.ok_or_else(|| format!("{len} bytes at {at} are beyond its end; damaged or cut short"))?;
+        if at < self.start || end > self.start + self.len as u64 {
+            self.len = 0;
+            let more = (self.file.bytes() - at).min(len.max(Self::BYTES) as u64) as usize;
+            self.file.read(at, more, &mut self.blocks)?;
+            (self.start, self.len) = (at, more);
+        }
+        let skip = (self.start % BLOCK_BYTES as u64) as usize + (at - self.start) as usize;
+        Ok(&self.blocks.bytes_mut(skip + len)[skip..])
+    }
+}

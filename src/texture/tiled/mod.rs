@@ -1,0 +1,209 @@
+//! Tiled, mip-mapped texture files, read one tile at a time, at random, by many threads: the `.tx`
+//! files that OpenImageIO's maketx writes (tiled TIFF, a directory a level) and tiled mip-mapped
+//! OpenEXR.
+//!
+//! Invariant: an open [`TiledFile`] holds sizes and offsets only, and nothing of it changes; a tile
+//! is decoded into memory that the caller owns. Memory follows the file's length, never what a
+//! header claims. Never caches a tile, never filters, never applies a transfer curve to 8-bit
+//! numbers.
+
+mod blocks;
+mod decode;
+mod files;
+mod shape;
+mod tiff;
+
+pub use files::{Caching, DEFAULT_OPEN_FILES, FilePool};
+pub use shape::TileLevel;
+
+use crate::error::{Error, Result};
+use crate::scene::Encoding;
+use blocks::Blocks;
+use decode::Decoders;
+use files::{Cause, PooledFile};
+use shape::Shape;
+use std::path::Path;
+use std::sync::Arc;
+
+/// One number of a decoded tile, in the machine's byte order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Component {
+    /// 8 bits as stored, encoded.
+    U8,
+    /// A finite half, linear.
+    F16,
+    /// A finite float, linear.
+    F32,
+}
+
+impl Component {
+    /// Its size.
+    #[must_use]
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::F16 => 2,
+            Self::F32 => 4,
+        }
+    }
+}
+
+/// What a level's tiles are and where they stand, whatever the format.
+struct Layout {
+    shape: Shape,
+    encoding: Option<Encoding>,
+    /// Where each tile's bytes begin in the file, by tile.
+    offsets: Box<[u64]>,
+    /// How many bytes (for EXR: at most) each tile has in the file; 0 where the file's index makes
+    /// no sense.
+    sizes: Box<[u32]>,
+    codec: Codec,
+}
+
+enum Codec {
+    Tiff(tiff::Codec),
+}
+
+/// A texture file's sizes and offsets, ready to be read at any tile.
+pub struct TiledFile {
+    file: PooledFile,
+    layout: Layout,
+}
+
+impl TiledFile {
+    /// Opens `path` if it is tiled and mip-mapped in a form that is read tile by tile: a TIFF or
+    /// EXR file with square-cornered tiles of 16 to 1024 pixels a side (powers of two) and 1 to 4
+    /// channels. `Ok(None)` says that it is not, and that other readers may know it. `encoding` is
+    /// the transfer curve of 16-bit integers (they become linear halves when a tile is read) unless
+    /// the file names its own.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when it cannot be read; [`Error::Input`] when it is damaged, or its levels do
+    /// not halve down to one tile.
+    pub fn open(path: &Path, encoding: Encoding, files: &Arc<FilePool>) -> Result<Option<Self>> {
+        let file = files.open(path)?;
+        let mut window = files::Window::new(&file);
+        let magic = window.bytes(0, file.bytes().min(4) as usize).map_err(|e| Error::file(path, e))?;
+        let layout = match *magic {
+            [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => tiff::open(&mut window, encoding),
+            _ => return Ok(None),
+        };
+        let layout = layout.map_err(|e| Error::file(path, e))?;
+        Ok(layout.map(|layout| Self { file, layout }))
+    }
+
+    /// Its levels, finest first; the last is one tile.
+    #[must_use]
+    pub fn levels(&self) -> &[TileLevel] {
+        &self.layout.shape.levels
+    }
+
+    /// Tiles of all levels.
+    #[must_use]
+    pub fn tile_count(&self) -> u32 {
+        self.layout.offsets.len() as u32
+    }
+
+    /// What a decoded tile is made of.
+    #[must_use]
+    pub fn component(&self) -> Component {
+        self.layout.shape.component
+    }
+
+    /// Numbers a texel of a decoded tile: 1 grey, 3 RGB, 4 RGBA.
+    #[must_use]
+    pub fn channels(&self) -> u32 {
+        self.layout.shape.channels
+    }
+
+    /// log₂ of a tile's width and height in texels.
+    #[must_use]
+    pub fn tile_log2(&self) -> (u32, u32) {
+        self.layout.shape.tile_log2
+    }
+
+    /// Size of a decoded tile: texels in rows, channels interleaved, zeros beyond the level's edge.
+    #[must_use]
+    pub fn tile_bytes(&self) -> usize {
+        self.layout.shape.tile_bytes()
+    }
+
+    /// What the file itself says about the curve of its numbers.
+    #[must_use]
+    pub fn encoding(&self) -> Option<Encoding> {
+        self.layout.encoding
+    }
+
+    /// Memory that this takes, in bytes.
+    #[must_use]
+    pub fn index_bytes(&self) -> usize {
+        let layout = &self.layout;
+        size_of::<Self>()
+            + self.file.path().as_os_str().len()
+            + layout.shape.levels.len() * size_of::<TileLevel>()
+            + layout.offsets.len() * (size_of::<u64>() + size_of::<u32>())
+            + match &layout.codec {
+                Codec::Tiff(codec) => codec.bytes(),
+            }
+    }
+
+    /// Decodes tile `tile` (levels' tiles follow each other, rows from the top) into `out`, which
+    /// has [`tile_bytes`](Self::tile_bytes). Returns how many bytes were read from the file.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when the tile is damaged, the file cannot be read or is not the same any
+    /// more; `out` then holds anything.
+    ///
+    /// # Panics
+    /// If there is no such tile, or `out` has another size.
+    pub fn read_tile(&self, tile: u32, out: &mut [u8], scratch: &mut TileScratch) -> Result<u64> {
+        assert_eq!(out.len(), self.tile_bytes(), "room for one tile");
+        let at = self.layout.shape.locate(tile);
+        self.read_at(tile, at, out, scratch).map_err(|cause| {
+            let message = format!("the tile at column {}, row {} of level {}: {cause}", at.x, at.y, at.level);
+            Error::file(self.file.path(), message)
+        })
+    }
+
+    fn read_at(
+        &self,
+        tile: u32,
+        at: shape::Place,
+        out: &mut [u8],
+        scratch: &mut TileScratch,
+    ) -> std::result::Result<u64, Cause> {
+        let layout = &self.layout;
+        let (offset, size) = (layout.offsets[tile as usize], layout.sizes[tile as usize]);
+        if size == 0 {
+            return Err("the file's index places it outside of the file; damaged or cut short".into());
+        }
+        let read = match &layout.codec {
+            Codec::Tiff(codec) => {
+                codec.read(&self.file, &layout.shape, offset, size as usize, out, scratch)?
+            }
+        };
+        layout.shape.clear_padding(at, out);
+        Ok(read)
+    }
+}
+
+/// One thread's buffers; grow to what the largest tile needs and stay.
+#[derive(Default)]
+pub struct TileScratch {
+    /// The file's bytes.
+    raw: Blocks,
+    /// Decoded, before they become what the caller wants.
+    plain: Vec<u8>,
+    decoders: Decoders,
+}
+
+impl TileScratch {
+    /// Memory that it holds.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>() + self.raw.bytes() + self.plain.capacity() + self.decoders.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests;
