@@ -26,6 +26,13 @@ pub struct Control<'a> {
 pub enum Progress {
     /// A phase begins.
     Phase(&'static str),
+    /// Bytes of tiled texture copies made, of how many.
+    Converting {
+        /// Done.
+        done: u64,
+        /// To do.
+        total: u64,
+    },
     /// Camera samples done, of how many.
     Samples {
         /// Done.
@@ -43,6 +50,8 @@ pub struct Outcome {
     pub stats: RenderStats,
     /// Whether it was stopped before its last sample.
     pub interrupted: bool,
+    /// One line for each texture file of which some tile could not be read, and is magenta.
+    pub unreadable: Vec<String>,
 }
 
 /// Renders `scene`.

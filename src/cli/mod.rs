@@ -69,6 +69,8 @@ pub(crate) enum End {
     Done,
     /// The command's own verdict is negative.
     Negative,
+    /// Done as far as the input allowed; what was wrong with it has been said.
+    BadInput,
     /// Stopped before there was anything to write.
     Interrupted,
 }
@@ -150,6 +152,7 @@ pub(crate) fn exit_code(result: Result<End>) -> ExitCode {
     match result {
         Ok(End::Done) => ExitCode::SUCCESS,
         Ok(End::Negative) => ExitCode::from(1),
+        Ok(End::BadInput) => ExitCode::from(2),
         Ok(End::Interrupted) => ExitCode::from(130),
         Err(e) => {
             // File names may hold anything, and so may messages of other libraries.

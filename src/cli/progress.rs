@@ -42,6 +42,10 @@ impl Bar {
     pub(super) fn update(&self, progress: Progress) {
         match progress {
             Progress::Phase(name) => self.bar.set_message(name),
+            Progress::Converting { done, total } => {
+                let percent = done as f64 / total.max(1) as f64 * 100.0;
+                self.bar.set_message(format!("making tiled copies of textures: {percent:.0} %"));
+            }
             Progress::Samples { done, total } => {
                 self.sampling.call_once(|| {
                     let limit = self.time_limit_seconds;

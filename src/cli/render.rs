@@ -66,6 +66,15 @@ pub(crate) struct Options {
     /// Fewer rays slip between triangles; 15 to 30 % slower
     #[arg(long)]
     robust: bool,
+    /// Bytes of textures in memory: 512M, 2G; half of what is free if not given
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
+    texture_memory: Option<u64>,
+    /// A read of a texture tile takes at least so many milliseconds (slow storage, simulated)
+    #[arg(long, value_name = "N", default_value = "0", value_parser = values::milliseconds, allow_negative_numbers = true)]
+    texture_latency_ms: f64,
+    /// Where tiled copies of textures are kept; ~/.cache/weir if not given
+    #[arg(long, value_name = "DIR")]
+    cache_dir: Option<PathBuf>,
     /// What stands in for something unsupported is an error
     #[arg(long)]
     strict: bool,
@@ -106,6 +115,9 @@ impl Options {
             robust: self.robust,
             time_limit_seconds: self.time,
             outputs: self.output.clone(),
+            texture_memory: self.texture_memory,
+            texture_latency_seconds: self.texture_latency_ms * 1e-3,
+            cache_dir: self.cache_dir.clone(),
             strict: self.strict,
         }
     }
@@ -145,11 +157,13 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         json.push('\n');
         replace_with_bytes(path, json.as_bytes())?;
     }
-    if options.quiet {
-        return Ok(End::Done);
+    if !options.quiet {
+        note_what_is_odd(&outcome);
+        print(&summary(&outcome.stats, &outputs, options.stats.as_deref()))?;
     }
-    note_what_is_odd(&outcome);
-    print(&summary(&outcome.stats, &outputs, options.stats.as_deref()))
+    // Last, where nobody overlooks it: the image is there, but not as the scene wants it.
+    outcome.unreadable.iter().for_each(|line| note(&format!("{line}; magenta stands in for it")));
+    Ok(if outcome.unreadable.is_empty() { End::Done } else { End::BadInput })
 }
 
 fn load_and_render(options: &Options, bar: &Bar) -> Result<(f64, SceneDescription, Outcome)> {

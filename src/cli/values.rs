@@ -3,6 +3,33 @@
 
 use std::ops::RangeInclusive;
 
+/// Bytes: `65536`, `512M`, `1.5G` (powers of 1024).
+pub(super) fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("`{text}` is not a number of bytes; 65536, 512M or 1.5G is");
+    let text = text.trim();
+    let (number, scale) = match text.char_indices().next_back() {
+        Some((i, 'k' | 'K')) => (&text[..i], 1u64 << 10),
+        Some((i, 'm' | 'M')) => (&text[..i], 1 << 20),
+        Some((i, 'g' | 'G')) => (&text[..i], 1 << 30),
+        Some((i, 't' | 'T')) => (&text[..i], 1 << 40),
+        _ => (text, 1),
+    };
+    let number: f64 = number.parse().map_err(|_| wrong())?;
+    let bytes = number * scale as f64;
+    if !(1.0..1e18).contains(&bytes) {
+        return Err(wrong());
+    }
+    Ok(bytes as u64)
+}
+
+/// Milliseconds of a simulated delay, up to a minute.
+pub(super) fn milliseconds(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(ms) if (0.0..=60_000.0).contains(&ms) => Ok(ms),
+        _ => Err(format!("`{text}` is not a number of milliseconds from 0 to 60000")),
+    }
+}
+
 /// Most pixels of a film: 2²⁸, whose sums take 4 GiB.
 const MAX_PIXELS: u64 = 1 << 28;
 

@@ -54,6 +54,13 @@ pub struct Materials<'a> {
 }
 
 impl<'a> Materials<'a> {
+    /// The textures that materials read.
+    #[inline(always)]
+    #[must_use]
+    pub fn textures(&self) -> &'a Textures {
+        self.textures
+    }
+
     /// Evaluates what is constant.
     #[must_use]
     pub fn new(scene: &'a SceneDescription, textures: &'a Textures, tables: &'a MaterialTables) -> Self {

@@ -218,6 +218,7 @@ impl<'a, A: Accel> World<'a, A> {
     #[inline(always)]
     fn shade(&self, wave: &mut Wave, depth: u32) {
         wave.shadows.clear();
+        self.materials.textures().store().set_depth(depth);
         let mut kept = 0;
         for i in 0..wave.paths.len() {
             if let Some(hit) = wave.hits.get(i + PREFETCH_INDICES) {

@@ -4,10 +4,12 @@
 use crate::scene::{ImageId, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId};
 
 /// What the plan found out about an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImageNeeds {
     /// Some filter looks at coarser levels.
     pub mip_levels: bool,
+    /// Something reads all of it at once, so that it cannot be had tile by tile.
+    pub whole: bool,
     /// Some texture or light looks at it at all; else it is not even opened.
     pub used: bool,
 }
@@ -18,7 +20,7 @@ pub struct ImageNeeds {
 pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
     let mut walk = Walk {
         scene,
-        needs: vec![ImageNeeds { used: false, mip_levels: false }; scene.images.len()],
+        needs: vec![ImageNeeds::default(); scene.images.len()],
         textures: vec![false; scene.textures.len()],
         materials: vec![false; scene.materials.len()],
     };
@@ -30,7 +32,9 @@ pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
         if let Some(light) = shape.area_light
             && let Some(image) = scene.area_lights[light.index()].image
         {
+            // Its mean is needed before the first ray, and both ways of sampling must see one value.
             walk.image(image, false);
+            walk.needs[image.index()].whole = true;
         }
     }
     // Environment images are not here: their lights read them whole, once.

@@ -21,11 +21,11 @@ use crate::prepare;
 use crate::scene::{Film, SceneDescription, TextureId};
 use crate::settings::{Estimator, RenderSettings};
 use crate::stats::{self, Counters, RenderStats};
-use crate::texture::{TextureCoordinates, TextureStore, Textures};
+use crate::texture::{Caching, TextureCoordinates, TextureOptions, TextureStore, Textures};
 use glam::{Mat3, Vec2, Vec3};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Samples of a pixel that are traced together: with 64 pixels a tile, a wave is 1024 paths, some
 /// 100 KB that stay in the second-level cache.
@@ -50,7 +50,7 @@ pub(super) fn render(
     let start = Instant::now();
 
     (control.progress)(Progress::Phase("loading"));
-    let (geometry, textures, environments) = pool.install(|| load(scene))?;
+    let (geometry, textures, environments) = pool.install(|| load(scene, settings, threads, control))?;
     let tables = pool.install(|| MaterialTables::new(scene, &textures));
     stats.time.prepare_s = start.elapsed().as_secs_f64();
 
@@ -62,7 +62,7 @@ pub(super) fn render(
     let accel = EmbreeScene::new(&device, &world_geometry, &objects, &instances, &geometry, options)?;
     stats.time.build_s = build_start.elapsed().as_secs_f64();
     stats.plan.bytes.geometry = geometry.bytes() + accel.bytes();
-    stats.plan.bytes.textures = textures.store().bytes() as u64;
+    stats.plan.bytes.textures = textures.store().all_bytes();
 
     let materials = Materials::new(scene, &textures, &tables);
     let lights = Lights::new(scene, &geometry, &textures, environments);
@@ -91,6 +91,7 @@ pub(super) fn render(
 
     let job = Job {
         world: &world,
+        textures: textures.store(),
         film: &film,
         buffer: FilmBuffer::new(film.crop),
         filter: FilterSampler::new(&scene.filter),
@@ -121,7 +122,7 @@ pub(super) fn render(
     stats.image.height = y1 - y0;
     stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
     stats.memory.peak_accounted =
-        geometry.bytes() + accel.bytes() + textures.store().bytes() as u64 + job.buffer.bytes();
+        geometry.bytes() + accel.bytes() + textures.store().bytes() + job.buffer.bytes();
     stats.settings = stats::EffectiveSettings {
         backend: format!("embree {}", device.version()),
         spp,
@@ -133,12 +134,23 @@ pub(super) fn render(
         time_limit_s: settings.time_limit_seconds,
         crop: film.crop,
         full_size: [film.size.0, film.size.1],
+        texture_memory: settings.texture_memory,
+        texture_latency_s: settings.texture_latency_seconds,
     };
     stats.finish(&counters);
+    let mut unreadable = Vec::new();
+    if let Some((cache, names)) = textures.store().cache() {
+        let cost = cache.stats(names);
+        // Reading is waiting too, for everything but the processor's share of decoding.
+        stats.time.stall_s += cost.total.stall_s;
+        stats.texture_cache = Some(cost);
+        stats.miss_ratio.texture = cache.miss_ratio_curve();
+        unreadable = cache.failures();
+    }
     let mut image = Image::cropped(film.size, film.crop);
     image.pixels = job.buffer.resolve();
     balance(&mut image.pixels, &film);
-    Ok(Outcome { image, stats, interrupted })
+    Ok(Outcome { image, stats, interrupted, unreadable })
 }
 
 /// The scene's film with what the command line overrides.
@@ -179,11 +191,24 @@ fn effective_film(scene: &SceneDescription, settings: &RenderSettings) -> Result
     Ok(film)
 }
 
-fn load(scene: &SceneDescription) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
+fn load(
+    scene: &SceneDescription,
+    settings: &RenderSettings,
+    threads: usize,
+    control: &Control<'_>,
+) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
     let needs = prepare::image_needs(scene);
+    let options = TextureOptions {
+        budget: settings.texture_memory.unwrap_or_else(default_texture_memory),
+        threads,
+        cache_dir: settings.cache_dir.clone(),
+        latency: Duration::from_secs_f64(settings.texture_latency_seconds.max(0.0)),
+        caching: Caching::Direct,
+    };
+    let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let (geometry, (store, environments)) = rayon::join(
         || geometry::load(scene),
-        || rayon::join(|| TextureStore::load(&scene.images, &needs), || load_environments(scene)),
+        || rayon::join(|| TextureStore::load(&scene.images, &needs, &options, &converting), || load_environments(scene)),
     );
     let textures = Arc::new(Textures::new(scene.textures.clone(), store?)?);
     let mut geometry = geometry?;
@@ -191,6 +216,11 @@ fn load(scene: &SceneDescription) -> Result<(SceneGeometry, Arc<Textures>, Vec<E
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
     }
     Ok((geometry, textures, environments?))
+}
+
+/// Half of what is free: the other half is for geometry, and for what nobody counts.
+fn default_texture_memory() -> u64 {
+    stats::available_memory_bytes().map_or(1 << 30, |free| free / 2)
 }
 
 /// Opacity by texture, for alpha masks.
@@ -252,6 +282,7 @@ fn balance(pixels: &mut [[f32; 3]], film: &Film) {
 /// What the threads share while rendering.
 struct Job<'a, A> {
     world: &'a World<'a, A>,
+    textures: &'a TextureStore,
     film: &'a Film,
     buffer: FilmBuffer,
     filter: FilterSampler,
@@ -291,6 +322,7 @@ impl<A: Accel> Job<'_, A> {
     fn work(&self) -> Counters {
         let mut counters = Counters::default();
         let mut wave = Wave::default();
+        let attached = self.textures.attach();
         let mut scratch = Scratch::default();
         let tiles = u64::from(self.buffer.tile_count());
         let passes = u64::from(self.spp.div_ceil(PASS));
@@ -322,6 +354,7 @@ impl<A: Accel> Job<'_, A> {
             }
         }
         drop(abandon);
+        drop(attached);
         if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
             counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
         }

@@ -8,8 +8,21 @@ use crate::stats::{EffectiveSettings, ImageStats, MemoryStats, PlanStats, RaySta
 #[must_use]
 pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
     // Destructured, so that a new setting or counter breaks the build until it is decided on.
-    let RenderStats { weir, scene, settings, plan, time, image, rays, memory, threads, busy, interrupted } =
-        stats;
+    let RenderStats {
+        weir,
+        scene,
+        settings,
+        plan,
+        time,
+        image,
+        rays,
+        memory,
+        texture_cache: _,
+        miss_ratio: _,
+        threads,
+        busy,
+        interrupted,
+    } = stats;
     let EffectiveSettings {
         backend,
         spp: spp_asked,
@@ -21,6 +34,8 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         time_limit_s,
         crop: _,
         full_size: _,
+        texture_memory: _,
+        texture_latency_s: _,
     } = settings;
     let PlanStats { bytes: _ } = plan;
     let TimeStats {

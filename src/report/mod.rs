@@ -1,6 +1,7 @@
 //! Counters for people: text, and the attributes an image carries. Never measures anything.
 
 mod attributes;
+mod cache;
 mod text;
 
 pub use attributes::attributes;

@@ -1,5 +1,6 @@
 //! The report as text, and how numbers are written for people.
 
+use super::cache::write_cache;
 use crate::stats::RenderStats;
 use std::io::{self, Write};
 
@@ -54,8 +55,22 @@ fn scaled(value: f64, units: &[&str]) -> String {
 /// # Errors
 /// Those of `out`.
 pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
-    let RenderStats { weir, scene, settings, plan, time, image, rays, memory, threads, busy, interrupted } =
-        stats;
+    let RenderStats {
+        weir,
+        scene,
+        settings,
+        plan,
+        time,
+        image,
+        rays,
+        memory,
+        texture_cache,
+        // A curve is not for text; what it says stands with its cache.
+        miss_ratio: _,
+        threads,
+        busy,
+        interrupted,
+    } = stats;
     let on_off = |on: bool| if on { "on" } else { "off" };
     let known = |size: Option<u64>| size.map_or("unknown".to_owned(), bytes);
     writeln!(out, "{scene}, rendered by weir {weir}")?;
@@ -123,7 +138,8 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         "plan      geometry {}, textures {}",
         bytes(plan.bytes.geometry),
         bytes(plan.bytes.textures)
-    )
+    )?;
+    texture_cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, out))
 }
 
 #[cfg(test)]

@@ -2,8 +2,12 @@
 //! `--stats` writes. Invariant: every counter of [`Counters`] is merged, because the merge
 //! destructures it. Never prints (`report` does) and never decides anything.
 
+mod cache;
+mod miss_ratio;
 mod process;
 
+pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
+pub use miss_ratio::{StackDistances, sample_hash};
 pub use process::{available_memory_bytes, peak_rss_bytes, thread_cpu_seconds};
 
 use serde::{Deserialize, Serialize};
@@ -63,6 +67,11 @@ pub struct RenderStats {
     pub rays: RayStats,
     /// Where the memory went.
     pub memory: MemoryStats,
+    /// Textures that are read tile by tile; absent where none is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture_cache: Option<CacheStats>,
+    /// What caches of other sizes would have missed.
+    pub miss_ratio: MissRatios,
     /// Worker threads.
     pub threads: usize,
     /// Processor seconds of the workers over `render_s` × `threads`, at most 1.
@@ -95,6 +104,10 @@ pub struct EffectiveSettings {
     pub crop: [u32; 4],
     /// Full frame.
     pub full_size: [u32; 2],
+    /// Bytes of textures that were asked to be in memory at most; `None` when nothing was asked.
+    pub texture_memory: Option<u64>,
+    /// Least time that a read of a texture tile took.
+    pub texture_latency_s: f64,
 }
 
 /// What the scene calls for.

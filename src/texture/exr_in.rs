@@ -24,6 +24,19 @@ const MAX_BLOCK_BYTES: u64 = 512 << 20;
 /// Chunks that are decompressed at a time, by all threads.
 const BATCH: usize = 32;
 
+/// Bytes that the texels will take at most, from the header alone; 0 for what [`read`] refuses.
+pub(super) fn decoded_bytes(path: &Path, file: File) -> Result<u64> {
+    let bad = |e: exr::error::Error| Error::file(path, format!("EXR: {}", one_line(&e.to_string())));
+    let reader = Reader::read_from_buffered(BufReader::with_capacity(1 << 16, file), false).map_err(bad)?;
+    let texel = reader.headers().iter().find_map(|h| Some((h, color_channels(h)?)));
+    Ok(texel.map_or(0, |(h, slots)| {
+        let window = h.shared_attributes.display_window.size;
+        let half = slots.iter().all(|&s| h.channels.list[s].sample_type == SampleType::F16);
+        let channels = if slots.len() == 1 { 1 } else { 4 };
+        (window.0 as u64).saturating_mul(window.1 as u64).saturating_mul(channels * if half { 2 } else { 4 })
+    }))
+}
+
 /// Reads `file`, which is `file_bytes` long and has the signature of an EXR.
 pub(super) fn read(path: &Path, file: File, file_bytes: u64) -> Result<ImageData> {
     let bad = |e: exr::error::Error| Error::file(path, format!("EXR: {}", one_line(&e.to_string())));

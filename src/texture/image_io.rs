@@ -99,6 +99,42 @@ pub(super) fn check_size(path: &Path, width: u32, height: u32, pixel_bytes: usiz
     Ok(())
 }
 
+/// Bytes that the image's texels will take in memory, from its header alone; more rather than less.
+///
+/// # Errors
+/// As [`read_image`], for what the header shows.
+pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
+    let io = |e| Error::io(path, e);
+    let mut file = File::open(path).map_err(io)?;
+    let meta = file.metadata().map_err(io)?;
+    let mut magic = Vec::with_capacity(4);
+    file.by_ref().take(4).read_to_end(&mut magic).map_err(io)?;
+    file.rewind().map_err(io)?;
+    let base = contain::panics(|| match magic[..] {
+        [0x76, 0x2f, 0x31, 0x01] => exr_in::decoded_bytes(path, file),
+        [b'P', b'F' | b'f', b, ..] if b.is_ascii_whitespace() => Ok(meta.len() * 4 / 3),
+        _ => {
+            let mut reader = ImageReader::new(BufReader::new(file));
+            if let Ok(format) = ImageFormat::from_path(path) {
+                reader.set_format(format);
+            }
+            let reader = reader.with_guessed_format().map_err(io)?;
+            // What is wrong with it is said by whoever reads it.
+            let Ok(decoder) = reader.into_decoder() else { return Ok(0) };
+            let (width, height) = decoder.dimensions();
+            let texel = match decoder.color_type() {
+                ColorType::L8 => 1,
+                ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => 4,
+                ColorType::L16 => 2,
+                _ => 8,
+            };
+            Ok(u64::from(width) * u64::from(height) * texel)
+        }
+    });
+    let base = base.unwrap_or(Ok(0))?;
+    Ok(if mip_levels { base + base.div_ceil(3) } else { base })
+}
+
 /// Reads the image in `path`.
 ///
 /// # Errors

@@ -1,8 +1,9 @@
-//! Images in memory and their filtered lookup. [`TextureStore::lookup`] is the only door that
-//! shading uses: what is behind it (today whole decoded images, later a tiled cache) may change
-//! without anyone noticing. Never decides what is needed; `prepare` says so by
-//! [`ImageNeeds`](crate::prepare::ImageNeeds).
+//! Images and their filtered look-up. [`TextureStore::lookup`] is the only door that shading uses:
+//! behind it are whole images in memory, or tiles that come and go inside a number of bytes. Never
+//! decides what is needed; `prepare` says so by [`ImageNeeds`](crate::prepare::ImageNeeds).
 
+mod attached;
+pub mod cache;
 mod contain;
 mod encoding;
 mod eval;
@@ -14,9 +15,12 @@ mod pyramid;
 mod store;
 mod texels;
 mod tiled;
+mod tiles;
 
+pub use attached::Attached;
 pub use eval::{TextureCoordinates, Textures};
 pub use filter::{Footprint, Sampler};
 pub use image_io::{ImageData, MAX_DECODED_BYTES, MAX_SIDE, Pixels, read_image};
-pub use store::TextureStore;
+pub use store::{TextureOptions, TextureStore};
+pub use tiles::Probe;
 pub use tiled::{Caching, Component, DEFAULT_OPEN_FILES, FilePool, TileLevel, TileScratch, TiledFile};

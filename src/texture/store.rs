@@ -1,14 +1,22 @@
-//! Decoded images by id. Loads in parallel, keeps 8-bit images at 8 bits (four bytes a texel with
-//! colour, one grey), floats as halves where that loses nothing, and mip levels only where asked.
+//! Images by id, inside a number of bytes: tiled files through the tile cache, plain images decoded
+//! as a whole when all of them fit, and else through tiled copies of them.
 //!
-//! Invariant: after loading nothing changes, so that lookups need no lock. Non-finite texels of
-//! float images become 0 (NaN) and ±65504 (infinities), so that one bad pixel of a file does not
-//! become a bad image. Never decides what is needed, never opens a file after loading.
+//! Whole images are loaded in parallel, 8-bit ones kept at 8 bits (four bytes a texel with colour,
+//! one grey), floats as halves where that loses nothing, and mip levels only where asked.
+//!
+//! Invariant: after loading no table changes, so that look-ups in whole images need no lock; how an
+//! image is kept changes no bit of what a look-up gives. Non-finite texels of float images become 0
+//! (NaN) and ±65504 (infinities), so that one bad pixel of a file does not become a bad image.
+//! Never decides what is needed.
 
+use super::attached::{self, Attached};
+use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource};
 use super::encoding::{self, Encoder};
 use super::filter::{self, Footprint, Sampler};
-use super::image_io::{ImageData, Pixels, read_image};
+use super::image_io::{ImageData, Pixels, decoded_bytes, read_image};
 use super::pyramid;
+use super::tiled::{Caching, DEFAULT_OPEN_FILES, FilePool, TiledFile};
+use super::tiles::{FileTiles, Probe, TiledImage};
 use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -18,6 +26,9 @@ use crate::scene::{Channels, Encoding, ImageId, ImageSource};
 use glam::Vec4;
 use half::f16;
 use rayon::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
@@ -39,6 +50,18 @@ struct Stored {
 
 impl Stored {
     #[inline(always)]
+    fn lookup_any(&self, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+        match self.kind {
+            Kind::Rgba8 => self.lookup::<Rgba8>(uv, footprint, sampler),
+            Kind::Grey8 => self.lookup::<Grey8>(uv, footprint, sampler),
+            Kind::RgbaHalf => self.lookup::<RgbaHalf>(uv, footprint, sampler),
+            Kind::GreyHalf => self.lookup::<GreyHalf>(uv, footprint, sampler),
+            Kind::RgbaFloat => self.lookup::<RgbaFloat>(uv, footprint, sampler),
+            Kind::GreyFloat => self.lookup::<GreyFloat>(uv, footprint, sampler),
+        }
+    }
+
+    #[inline(always)]
     fn lookup<T: Texel>(&self, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
         filter::lookup(
             &mut Resident::<T>::new(&self.memory, &self.levels, &self.table),
@@ -49,39 +72,115 @@ impl Stored {
     }
 }
 
+/// One image, as it is kept.
+enum Image {
+    Whole(Stored),
+    Tiled(TiledImage),
+}
+
+/// How much memory textures may take, and what stands in for the rest.
+#[derive(Clone, Debug)]
+pub struct TextureOptions {
+    /// Bytes of all texels in memory.
+    pub budget: u64,
+    /// Threads that look up at the same time, at most.
+    pub threads: usize,
+    /// Where tiled copies of plain images are kept.
+    pub cache_dir: Option<PathBuf>,
+    /// A read takes at least so long: slow storage, simulated.
+    pub latency: Duration,
+    /// What becomes of the bytes that are read, in the operating system's memory.
+    pub caching: Caching,
+}
+
+impl Default for TextureOptions {
+    fn default() -> Self {
+        Self {
+            budget: u64::MAX,
+            threads: 1,
+            cache_dir: None,
+            latency: Duration::ZERO,
+            caching: Caching::Direct,
+        }
+    }
+}
+
 /// All images of a scene.
 pub struct TextureStore {
-    images: Vec<Option<Stored>>,
+    images: Vec<Option<Image>>,
+    /// Boxed: threads know it by its address.
+    cache: Option<Box<TileCache>>,
+    /// The files of the cache.
+    names: Vec<PathBuf>,
+}
+
+/// What is known of an image before it is loaded.
+enum Found {
+    Unused,
+    Tiled(TiledFile),
+    /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
+    Plain { bytes: u64, may_tile: bool },
 }
 
 impl TextureStore {
     /// Loads the images that are used, in parallel. `sources` and `needs` are parallel tables.
+    /// `progress` is told of tiled copies that are made: bytes done, of how many.
     ///
     /// # Errors
     /// The first image, in the order of `sources`, that cannot be read: an input error at the place
-    /// that asked for it. [`Error::Resource`] when memory runs out.
+    /// that asked for it. [`Error::Resource`] when memory or the disk for tiled copies runs out;
+    /// [`Error::Usage`] for a budget that holds no two tiles a thread.
     ///
     /// # Panics
     /// If the tables differ in length.
-    pub fn load(sources: &[ImageSource], needs: &[ImageNeeds]) -> Result<Self> {
+    pub fn load(
+        sources: &[ImageSource],
+        needs: &[ImageNeeds],
+        options: &TextureOptions,
+        progress: &(dyn Fn(u64, u64) + Sync),
+    ) -> Result<Self> {
         assert_eq!(sources.len(), needs.len(), "one need per image");
-        let images: Vec<Result<Option<Stored>>> = sources
-            .par_iter()
-            .zip(needs)
-            .map(|(source, need)| {
-                if !need.used {
-                    return Ok(None);
+        let files = Arc::new(FilePool::new(DEFAULT_OPEN_FILES, options.caching));
+        let found: Vec<Result<Found>> =
+            sources.par_iter().zip(needs).map(|(source, need)| find(source, *need, &files)).collect();
+        let found: Vec<Found> = found.into_iter().collect::<Result<_>>()?;
+        let whole: u64 = found.iter().map(|f| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 }).sum();
+        let fits = whole <= options.budget;
+        let copies: Vec<bool> =
+            found.iter().map(|f| !fits && matches!(f, Found::Plain { may_tile: true, .. })).collect();
+        let found = convert(found, &copies, sources, &files, options, progress)?;
+
+        let mut tiled: Vec<Box<dyn TileSource>> = Vec::new();
+        let mut names = Vec::new();
+        let mut images: Vec<Option<Image>> = Vec::with_capacity(found.len());
+        let mut plain = Vec::new();
+        for (i, (found, source)) in found.into_iter().zip(sources).enumerate() {
+            images.push(match found {
+                Found::Unused => None,
+                Found::Plain { .. } => {
+                    plain.push(i);
+                    None
                 }
-                let data = read_image(&source.path).map_err(|e| match e {
-                    Error::Resource(_) => e,
-                    e => Error::at(&source.at, format!("image {e}")),
-                })?;
-                store(data, source.encoding, need.mip_levels).map(Some).map_err(|e| {
-                    Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display()))
-                })
-            })
-            .collect();
-        Ok(Self { images: images.into_iter().collect::<Result<_>>()? })
+                Found::Tiled(file) => {
+                    let index = u32::try_from(tiled.len()).expect("images are counted in u32");
+                    let image = TiledImage::new(index, &file, source.encoding);
+                    tiled.push(Box::new(FileTiles::new(file)));
+                    names.push(source.path.clone());
+                    Some(Image::Tiled(image))
+                }
+            });
+        }
+        let decoded: Vec<Result<Stored>> = plain.par_iter().map(|&i| decode(&sources[i], needs[i])).collect();
+        for (i, stored) in plain.into_iter().zip(decoded) {
+            images[i] = Some(Image::Whole(stored?));
+        }
+        let mut store = Self { images, cache: None, names };
+        if !tiled.is_empty() {
+            let budget = options.budget.saturating_sub(store.bytes());
+            let options = CacheOptions { budget, threads: options.threads, latency: options.latency };
+            store.cache = Some(Box::new(TileCache::new(tiled, options)?));
+        }
+        Ok(store)
     }
 
     /// A store of one image that is already decoded.
@@ -91,7 +190,7 @@ impl TextureStore {
     pub fn from_data(data: ImageData, encoding: Encoding, mip_levels: bool) -> Result<Self> {
         let stored = store(data, encoding, mip_levels)
             .map_err(|e| Error::Resource(format!("no memory for an image's texels: {e}")))?;
-        Ok(Self { images: vec![Some(stored)] })
+        Ok(Self { images: vec![Some(Image::Whole(stored))], cache: None, names: Vec::new() })
     }
 
     /// Filtered linear value at `uv` (v = 0 is the bottom edge) over `footprint`; black for an
@@ -99,34 +198,122 @@ impl TextureStore {
     #[inline]
     #[must_use]
     pub fn lookup(&self, id: ImageId, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Rgb {
-        let Some(Some(image)) = self.images.get(id.index()) else { return Rgb::ZERO };
-        let value = match image.kind {
-            Kind::Rgba8 => image.lookup::<Rgba8>(uv, footprint, sampler),
-            Kind::Grey8 => image.lookup::<Grey8>(uv, footprint, sampler),
-            Kind::RgbaHalf => image.lookup::<RgbaHalf>(uv, footprint, sampler),
-            Kind::GreyHalf => image.lookup::<GreyHalf>(uv, footprint, sampler),
-            Kind::RgbaFloat => image.lookup::<RgbaFloat>(uv, footprint, sampler),
-            Kind::GreyFloat => image.lookup::<GreyFloat>(uv, footprint, sampler),
+        let (value, has_alpha) = match self.images.get(id.index()) {
+            Some(Some(Image::Whole(image))) => (image.lookup_any(uv, footprint, sampler), image.has_alpha),
+            Some(Some(Image::Tiled(image))) => {
+                (self.lookup_tiled(image, uv, footprint, sampler), image.has_alpha())
+            }
+            _ => return Rgb::ZERO,
         };
         match sampler.channels {
             Channels::Rgb => value.truncate(),
-            Channels::Alpha if image.has_alpha => Rgb::splat(value.w),
+            Channels::Alpha if has_alpha => Rgb::splat(value.w),
             Channels::Average | Channels::Alpha => Rgb::splat((value.x + value.y + value.z) * (1.0 / 3.0)),
         }
+    }
+
+    #[inline(never)]
+    fn lookup_tiled(&self, image: &TiledImage, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+        let cache = self.cache.as_deref().expect("a store with tiled images has a cache");
+        attached::with(cache, |thread| image.lookup(cache, thread, uv, footprint, sampler))
+    }
+
+    /// Weighted sum of bilinear look-ups in one level of a tiled image, linear RGBA; for filters that
+    /// are not ours. Black for an image that is not tiled.
+    #[inline]
+    #[must_use]
+    pub fn probes(&self, id: ImageId, thread: &mut ThreadCache, level: usize, probes: &[Probe]) -> Vec4 {
+        match (self.images.get(id.index()), self.cache.as_deref()) {
+            (Some(Some(Image::Tiled(image))), Some(cache)) => image.probes(cache, thread, level, probes),
+            _ => Vec4::ZERO,
+        }
+    }
+
+    /// Lets the calling thread keep tiles for itself until the result is dropped.
+    #[must_use]
+    pub fn attach(&self) -> Attached<'_> {
+        Attached::new(self.cache.as_deref())
+    }
+
+    /// Look-ups of the calling thread from now on belong to rays of this depth (0: from the camera).
+    #[inline(always)]
+    pub fn set_depth(&self, depth: u32) {
+        if self.cache.is_some() {
+            attached::set_depth(depth);
+        }
+    }
+
+    /// The tile cache, if any image goes through one, and its files' names.
+    #[must_use]
+    pub fn cache(&self) -> Option<(&TileCache, &[PathBuf])> {
+        self.cache.as_deref().map(|cache| (cache, &self.names[..]))
     }
 
     /// Width and height in texels of the finest level; `None` for an image that was not loaded.
     #[must_use]
     pub fn size(&self, id: ImageId) -> Option<(u32, u32)> {
-        let level = self.images.get(id.index())?.as_ref()?.levels[0];
-        Some((level.width, level.height))
+        Some(match self.images.get(id.index())?.as_ref()? {
+            Image::Whole(image) => (image.levels[0].width, image.levels[0].height),
+            Image::Tiled(image) => image.size(),
+        })
     }
 
-    /// Bytes of all texels, padding of blocks included.
+    /// Bytes of all images in memory as a whole, padding of blocks included; and the most that tiles took.
     #[must_use]
-    pub fn bytes(&self) -> usize {
-        self.images.iter().flatten().map(|i| i.memory.bytes).sum()
+    pub fn bytes(&self) -> u64 {
+        let whole = |i: &Image| if let Image::Whole(i) = i { i.memory.bytes as u64 } else { 0 };
+        self.images.iter().flatten().map(whole).sum::<u64>() + self.cache.as_ref().map_or(0, |c| c.peak())
     }
+
+    /// Bytes that the texels of all levels would take, were all of them in memory.
+    #[must_use]
+    pub fn all_bytes(&self) -> u64 {
+        let bytes = |i: &Image| match i {
+            Image::Whole(i) => i.memory.bytes as u64,
+            Image::Tiled(i) => i.all_bytes(),
+        };
+        self.images.iter().flatten().map(bytes).sum()
+    }
+}
+
+fn find(source: &ImageSource, need: ImageNeeds, files: &Arc<FilePool>) -> Result<Found> {
+    let place = |e| match e {
+        Error::Resource(_) => e,
+        e => Error::at(&source.at, format!("image {e}")),
+    };
+    if !need.used {
+        return Ok(Found::Unused);
+    }
+    if !need.whole
+        && let Some(file) = TiledFile::open(&source.path, source.encoding, files).map_err(place)?
+        && TiledImage::is_complete(&file)
+    {
+        return Ok(Found::Tiled(file));
+    }
+    let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(place)?;
+    Ok(Found::Plain { bytes, may_tile: !need.whole })
+}
+
+fn decode(source: &ImageSource, need: ImageNeeds) -> Result<Stored> {
+    let data = read_image(&source.path).map_err(|e| match e {
+        Error::Resource(_) => e,
+        e => Error::at(&source.at, format!("image {e}")),
+    })?;
+    store(data, source.encoding, need.mip_levels)
+        .map_err(|e| Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display())))
+}
+
+/// Puts tiled copies in the place of the images in `copies`, making those that are not there.
+fn convert(
+    mut found: Vec<Found>,
+    copies: &[bool],
+    sources: &[ImageSource],
+    files: &Arc<FilePool>,
+    options: &TextureOptions,
+    progress: &(dyn Fn(u64, u64) + Sync),
+) -> Result<Vec<Found>> {
+    let _ = (&mut found, copies, sources, files, options, progress);
+    Ok(found)
 }
 
 /// Whether the last channel says anything: like pbrt, an image that is opaque throughout has none.

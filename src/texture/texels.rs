@@ -35,6 +35,12 @@ pub(super) type RgbaHalf = [u16; 4];
 pub(super) type GreyHalf = u16;
 /// Linear float RGBA.
 pub(super) type RgbaFloat = [f32; 4];
+/// 8-bit RGB, as tiles have it.
+pub(super) type Rgb8 = [u8; 3];
+/// Linear half RGB, finite, as tiles have it.
+pub(super) type RgbHalf = [u16; 3];
+/// Linear float RGB, as tiles have it.
+pub(super) type RgbFloat = [f32; 3];
 /// Linear float grey.
 pub(super) type GreyFloat = f32;
 
@@ -99,6 +105,33 @@ impl Texel for GreyFloat {
     #[inline(always)]
     fn decode(self, _: &[f32; 256]) -> Vec4 {
         Vec4::splat(self).with_w(1.0)
+    }
+}
+
+impl Texel for Rgb8 {
+    const BLOCK_LOG2: u32 = 2;
+    #[inline(always)]
+    fn decode(self, table: &[f32; 256]) -> Vec4 {
+        let [r, g, b] = self.map(usize::from);
+        Vec4::new(table[r], table[g], table[b], 1.0)
+    }
+}
+
+impl Texel for RgbHalf {
+    const BLOCK_LOG2: u32 = 2;
+    #[inline(always)]
+    fn decode(self, _: &[f32; 256]) -> Vec4 {
+        let [r, g, b] = self.map(half_to_f32);
+        Vec4::new(r, g, b, 1.0)
+    }
+}
+
+impl Texel for RgbFloat {
+    const BLOCK_LOG2: u32 = 2;
+    #[inline(always)]
+    fn decode(self, _: &[f32; 256]) -> Vec4 {
+        let [r, g, b] = self;
+        Vec4::new(r, g, b, 1.0)
     }
 }
 

@@ -115,6 +115,12 @@ fn bilinear<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Ve
     bilinear_of(s, level, st, wrap, S::quad)
 }
 
+/// Bilinear in one level; alpha may be anything.
+#[inline(always)]
+pub(super) fn bilinear_rgb<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
+    bilinear_of(s, level, st, wrap, S::quad_rgb)
+}
+
 #[inline(always)]
 fn bilinear_of<S: TexelSource>(
     s: &mut S,

@@ -57,7 +57,7 @@ fn bilinear_agrees_with_a_plain_reference_for_every_kind_and_wrap() {
     ];
     for (data, kind, tolerance) in kinds {
         let store = TextureStore::from_data(data, Encoding::Linear, false).expect("memory");
-        assert_eq!(store.images[0].as_ref().map(|i| i.kind), Some(kind));
+        assert_eq!(whole(&store).kind, kind);
         for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Black] {
             for i in 0..2000 {
                 let uv = Vec2::new(i as f32 * 0.00317 - 2.5, (i * 7919 % 2000) as f32 * 0.0021 - 2.0);
@@ -251,11 +251,22 @@ fn bad_texels_of_float_images_become_finite() {
 fn an_unused_image_is_not_opened_and_a_missing_one_names_its_place() {
     let at = Location { line: 7, column: 3, ..Location::whole("scene.pbrt") };
     let source = ImageSource { path: "nowhere.png".into(), encoding: Encoding::Srgb, at };
-    let need = |used| [ImageNeeds { mip_levels: false, used }];
-    assert!(TextureStore::load(std::slice::from_ref(&source), &need(false)).is_ok());
-    let Err(e) = TextureStore::load(&[source], &need(true)) else { panic!("a missing file was read") };
+    let load = |sources: &[ImageSource], needs: &[ImageNeeds]| {
+        TextureStore::load(sources, needs, &TextureOptions::default(), &|_, _| ())
+    };
+    let need = |used| [ImageNeeds { used, ..ImageNeeds::default() }];
+    assert!(load(std::slice::from_ref(&source), &need(false)).is_ok());
+    let Err(e) = load(&[source], &need(true)) else { panic!("a missing file was read") };
     assert!(e.to_string().starts_with("scene.pbrt:7:3: image nowhere.png: "), "{e}");
     assert_eq!(e.exit_code(), 2);
+}
+
+/// The store's only image, which is in memory as a whole.
+fn whole(store: &TextureStore) -> &Stored {
+    match &store.images[0] {
+        Some(Image::Whole(image)) => image,
+        _ => panic!("not in memory as a whole"),
+    }
 }
 
 /// Not inlined, as the call from shading is not.
@@ -306,7 +317,7 @@ fn lookup_speed() {
         }
     }
     // What one random read of a cache line costs here and now, to hold the above against.
-    let image = rgb.images[0].as_ref().expect("stored");
+    let image = whole(&rgb);
     let texels = image.levels[0].texels::<Rgba8>(&image.memory);
     let mut times = Vec::new();
     let mut sum = 0u64;

@@ -1,0 +1,188 @@
+//! What a cache of tiles or pages cost: counts by cause, and the record that `--stats` writes.
+//!
+//! Invariant: a look-up is a hit or a miss of one cause, and nothing else.
+
+use serde::{Deserialize, Serialize};
+
+/// Counts of one mip level, of one ray depth, or of any sum of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CacheCounts {
+    /// Tiles asked for.
+    pub lookups: u64,
+    /// Of these, found in the thread's own tiles, without a lock.
+    pub micro_hits: u64,
+    /// Found in the shared cache.
+    pub hits: u64,
+    /// Read for the first time.
+    pub misses_compulsory: u64,
+    /// Read again, because it had been evicted.
+    pub misses_capacity: u64,
+    /// Not there, but another thread was reading it: waited for, not read a second time.
+    pub misses_duplicate: u64,
+    /// Bytes read from files.
+    pub bytes_read: u64,
+    /// Bytes brought in, decoded.
+    pub bytes_loaded: u64,
+    /// Bytes brought in for the first time, decoded: unique bytes touched.
+    pub footprint_bytes: u64,
+    /// Time spent reading and decoding.
+    pub read_ns: u64,
+    /// Time spent waiting: for another thread's read, or for room.
+    pub stall_ns: u64,
+    /// Reads that failed.
+    pub failed: u64,
+}
+
+impl CacheCounts {
+    /// Adds another's counts.
+    pub fn add(&mut self, other: &Self) {
+        let Self {
+            lookups,
+            micro_hits,
+            hits,
+            misses_compulsory,
+            misses_capacity,
+            misses_duplicate,
+            bytes_read,
+            bytes_loaded,
+            footprint_bytes,
+            read_ns,
+            stall_ns,
+            failed,
+        } = *other;
+        self.lookups += lookups;
+        self.micro_hits += micro_hits;
+        self.hits += hits;
+        self.misses_compulsory += misses_compulsory;
+        self.misses_capacity += misses_capacity;
+        self.misses_duplicate += misses_duplicate;
+        self.bytes_read += bytes_read;
+        self.bytes_loaded += bytes_loaded;
+        self.footprint_bytes += footprint_bytes;
+        self.read_ns += read_ns;
+        self.stall_ns += stall_ns;
+        self.failed += failed;
+    }
+
+    /// Look-ups that found nothing in memory.
+    #[must_use]
+    pub fn misses(&self) -> u64 {
+        self.misses_compulsory + self.misses_capacity + self.misses_duplicate
+    }
+
+    /// Tiles or pages that were read.
+    #[must_use]
+    pub fn reads(&self) -> u64 {
+        self.misses_compulsory + self.misses_capacity
+    }
+}
+
+/// [`CacheCounts`] as they are written: seconds, and what follows from the counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CacheRow {
+    /// As in [`CacheCounts`].
+    pub lookups: u64,
+    /// As in [`CacheCounts`].
+    pub micro_hits: u64,
+    /// As in [`CacheCounts`].
+    pub hits: u64,
+    /// As in [`CacheCounts`].
+    pub misses_compulsory: u64,
+    /// As in [`CacheCounts`].
+    pub misses_capacity: u64,
+    /// As in [`CacheCounts`].
+    pub misses_duplicate: u64,
+    /// As in [`CacheCounts`].
+    pub bytes_read: u64,
+    /// As in [`CacheCounts`].
+    pub bytes_loaded: u64,
+    /// As in [`CacheCounts`].
+    pub footprint_bytes: u64,
+    /// `bytes_loaded` over `footprint_bytes`: 1 is ideal, 2 fine, 10 bad; 0 where nothing was read.
+    pub pressure: f64,
+    /// Time spent reading and decoding [s], summed over threads.
+    pub read_s: f64,
+    /// Time spent waiting for another thread's read or for room [s], summed over threads.
+    pub stall_s: f64,
+    /// Reads that failed.
+    pub failed: u64,
+}
+
+impl From<&CacheCounts> for CacheRow {
+    fn from(c: &CacheCounts) -> Self {
+        Self {
+            lookups: c.lookups,
+            micro_hits: c.micro_hits,
+            hits: c.hits,
+            misses_compulsory: c.misses_compulsory,
+            misses_capacity: c.misses_capacity,
+            misses_duplicate: c.misses_duplicate,
+            bytes_read: c.bytes_read,
+            bytes_loaded: c.bytes_loaded,
+            footprint_bytes: c.footprint_bytes,
+            pressure: super::per_second(c.bytes_loaded as f64, c.footprint_bytes as f64),
+            read_s: c.read_ns as f64 * 1e-9,
+            stall_s: c.stall_ns as f64 * 1e-9,
+            failed: c.failed,
+        }
+    }
+}
+
+/// One file's part.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CacheFile {
+    /// Its name.
+    pub file: String,
+    /// Sum over its levels.
+    #[serde(flatten)]
+    pub total: CacheRow,
+    /// By mip level, the finest first.
+    pub by_level: Vec<CacheRow>,
+}
+
+/// Where a larger cache stops paying, as the miss-ratio curve has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Knee {
+    /// The smallest cache that reads at most 1.1 times the footprint [bytes].
+    pub bytes: u64,
+    /// What it reads over the footprint.
+    pub pressure: f64,
+    /// What half of it would read over the footprint.
+    pub pressure_at_half: f64,
+}
+
+/// A cache's record.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CacheStats {
+    /// Bytes it was allowed.
+    pub budget: u64,
+    /// Most bytes it held at once, those being read included.
+    pub peak: u64,
+    /// Bytes of tables beside the budget: where tiles are in their files, and which were read.
+    pub index_bytes: u64,
+    /// Bytes of the largest read buffer of a thread, beside the budget.
+    pub buffer_bytes: u64,
+    /// Sum over all files.
+    #[serde(flatten)]
+    pub total: CacheRow,
+    /// Where a larger cache stops paying; absent where nothing was read.
+    pub knee: Option<Knee>,
+    /// By ray depth, from the camera's rays on; the last holds the deeper ones too.
+    pub by_depth: Vec<CacheRow>,
+    /// Files that were asked for.
+    pub by_file: Vec<CacheFile>,
+}
+
+/// Predicted misses over look-ups by size of the cache [bytes], sizes rising.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct MissRatios {
+    /// Of the texture cache.
+    pub texture: Vec<(u64, f64)>,
+    /// Of the geometry cache.
+    pub geometry: Vec<(u64, f64)>,
+}

@@ -1,0 +1,557 @@
+//! Tiles of textures inside a fixed number of bytes: a sharded least-recently-used cache shared by
+//! all threads, and before it a few tiles that each thread holds for itself ([`ThreadCache`]).
+//!
+//! Invariants: the bytes of all tiles, those being read and those that a thread still holds
+//! included, never exceed the budget, not for a moment: room is reserved before it is allocated.
+//! No lock is held while a file is read. Of threads that miss the same tile together one reads and
+//! the others wait. Never interprets a texel.
+
+mod counters;
+mod source;
+mod thread;
+mod tile;
+
+pub use counters::FileCounts;
+pub use source::TileSource;
+pub use thread::ThreadCache;
+
+use crate::error::{Error, Result};
+use crate::stats::{
+    CacheCounts, CacheFile, CacheRow, CacheStats, Knee, StackDistances, sample_hash,
+};
+use lru::LruCache;
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use tile::{Blocks, Tile, allocate, blocks_for, cost};
+
+/// Tails that an eviction compares: the oldest of several random ones is nearly the oldest of all.
+const TAILS: usize = 4;
+/// Shards hold at least so many tiles: below, chance makes their loads too unequal.
+const TILES_PER_SHARD: u64 = 64;
+const MAX_SHARDS: usize = 64;
+/// Tiles that each thread holds for itself, at most. More would hide from the miss-ratio curve what
+/// a cache of a few hundred tiles would have missed.
+const MAX_THREAD_TILES: usize = 32;
+
+/// How a cache is made.
+#[derive(Clone, Copy, Debug)]
+pub struct CacheOptions {
+    /// Bytes of all tiles.
+    pub budget: u64,
+    /// Threads that look up at the same time, at most.
+    pub threads: usize,
+    /// A read takes at least so long: slow storage, simulated.
+    pub latency: Duration,
+}
+
+/// Keys are made of small numbers, and one multiplication spreads them (Fibonacci hashing).
+#[derive(Default)]
+struct KeyHasher(u64);
+
+impl Hasher for KeyHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
+    }
+    #[inline(always)]
+    fn write_u64(&mut self, key: u64) {
+        self.0 = spread(self.0 ^ key);
+    }
+}
+
+/// High bits in the low ones too: the table takes its buckets from those and its tags from the others.
+#[inline(always)]
+fn spread(key: u64) -> u64 {
+    let h = key.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    h ^ (h >> 32)
+}
+
+type KeyBuildHasher = BuildHasherDefault<KeyHasher>;
+
+struct Shard {
+    tiles: LruCache<u64, Arc<Tile>, KeyBuildHasher>,
+    /// Coarse levels, which stay.
+    kept: HashMap<u64, Arc<Tile>, KeyBuildHasher>,
+    loading: HashMap<u64, Arc<Pending>, KeyBuildHasher>,
+}
+
+/// A cache line's worth apart (and its prefetched pair), so that two shards' locks do not collide.
+#[repr(align(128))]
+struct Padded<T>(T);
+
+/// A tile that is being read.
+#[derive(Default)]
+struct Pending {
+    state: Mutex<PendingState>,
+    done: Condvar,
+}
+
+#[derive(Default)]
+enum PendingState {
+    #[default]
+    Reading,
+    Read(Arc<Tile>),
+    /// The reader's thread has come to grief.
+    Abandoned,
+}
+
+/// One file's part of the cache.
+struct CachedFile {
+    file: Box<dyn TileSource>,
+    /// A bit for every tile: whether it has ever been read.
+    seen: Box<[AtomicU64]>,
+    /// Blocks of one tile.
+    blocks: usize,
+    failed: AtomicU64,
+}
+
+/// The tiles of all tiled files of a scene.
+pub struct TileCache {
+    budget: u64,
+    /// Two tiles a thread: what must be free of levels that stay.
+    least: u64,
+    thread_tiles: usize,
+    latency: Duration,
+    files: Vec<CachedFile>,
+    shards: Box<[Padded<Mutex<Shard>>]>,
+    used: AtomicU64,
+    peak: AtomicU64,
+    kept: AtomicU64,
+    /// Reads so far: the cache's time.
+    clock: AtomicU64,
+    /// A tile that was used so short a time ago need not be moved up again: a sixteenth of what
+    /// the cache holds. Moving it touches four cache lines of other tiles.
+    fresh: u64,
+    hand: AtomicUsize,
+    /// Requests that reached the shared cache.
+    requests: AtomicU64,
+    threshold: AtomicU32,
+    distances: Mutex<StackDistances>,
+    totals: Mutex<FileCounts>,
+    failures: Mutex<Vec<String>>,
+    /// Largest read buffer of a thread.
+    scratch: AtomicU64,
+}
+
+/// Names a tile: the file in the upper half, the tile in the lower.
+#[inline(always)]
+fn key(file: u32, tile: u32) -> u64 {
+    u64::from(file) << 32 | u64::from(tile)
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // Every critical section leaves the data whole before anything that may panic.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl TileCache {
+    /// A cache over `files`.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when the budget is below two of the largest tiles a thread: one that is in
+    /// use and one that is being read.
+    pub fn new(files: Vec<Box<dyn TileSource>>, options: CacheOptions) -> Result<Self> {
+        let files: Vec<CachedFile> = files
+            .into_iter()
+            .map(|file| CachedFile {
+                seen: (0..file.tile_count().div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
+                blocks: blocks_for(file.tile_bytes()),
+                failed: AtomicU64::new(0),
+                file,
+            })
+            .collect();
+        let largest = files.iter().map(|f| cost(f.blocks)).max().unwrap_or(1);
+        let threads = options.threads.max(1) as u64;
+        let least = 2 * threads * largest;
+        if options.budget < least {
+            return Err(Error::Usage(format!(
+                "a texture memory of {} bytes is too small: {threads} threads need at least {least} (--texture-memory {least}), two tiles of {largest} each",
+                options.budget
+            )));
+        }
+        let shards = (options.budget / (largest * TILES_PER_SHARD)).clamp(1, MAX_SHARDS as u64) as usize;
+        let shards = 1usize << shards.ilog2();
+        // A quarter of the budget at most is in threads' hands, a sixteenth in levels that stay; what
+        // threads hold and read always fits beside that.
+        let thread_tiles =
+            (options.budget / (4 * threads * largest)).saturating_sub(1).clamp(1, MAX_THREAD_TILES as u64);
+        Ok(Self {
+            budget: options.budget,
+            least,
+            thread_tiles: 1 << thread_tiles.ilog2(),
+            latency: options.latency,
+            totals: Mutex::new(FileCounts::new(files.len())),
+            files,
+            shards: (0..shards)
+                .map(|_| {
+                    Padded(Mutex::new(Shard {
+                        tiles: LruCache::unbounded_with_hasher(KeyBuildHasher::default()),
+                        kept: HashMap::default(),
+                        loading: HashMap::default(),
+                    }))
+                })
+                .collect(),
+            used: AtomicU64::new(0),
+            peak: AtomicU64::new(0),
+            kept: AtomicU64::new(0),
+            clock: AtomicU64::new(0),
+            fresh: options.budget / largest / 16,
+            hand: AtomicUsize::new(0),
+            requests: AtomicU64::new(0),
+            threshold: AtomicU32::new(u32::MAX),
+            distances: Mutex::new(StackDistances::new(StackDistances::MAX_KEYS)),
+            failures: Mutex::new(Vec::new()),
+            scratch: AtomicU64::new(0),
+        })
+    }
+
+    /// One of the files.
+    fn file(&self, index: u32) -> &dyn TileSource {
+        &*self.files[index as usize].file
+    }
+
+    /// Bytes that tiles may take.
+    #[must_use]
+    pub fn budget(&self) -> u64 {
+        self.budget
+    }
+
+    /// Most bytes that tiles have taken at once.
+    #[must_use]
+    pub fn peak(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of tables beside the tiles: tiles' places in their files, and which have been read.
+    #[must_use]
+    pub fn index_bytes(&self) -> u64 {
+        self.files.iter().map(|f| (f.file.index_bytes() + f.seen.len() * 8) as u64).sum()
+    }
+
+    /// The largest read buffer of a thread that is done [bytes]; beside the budget.
+    #[must_use]
+    pub fn scratch_bytes(&self) -> u64 {
+        self.scratch.load(Ordering::Relaxed)
+    }
+
+    /// What the threads that are done have counted.
+    #[must_use]
+    pub fn counts(&self) -> FileCounts {
+        lock(&self.totals).clone()
+    }
+
+    /// One line for each file of which a tile could not be read, in the order of the first time.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        lock(&self.failures).clone()
+    }
+
+    /// What it cost, with `names` for its files.
+    #[must_use]
+    pub fn stats(&self, names: &[PathBuf]) -> CacheStats {
+        let counts = self.counts();
+        let total = counts.total();
+        let by_file = names.iter().zip(&counts.files).filter(|(_, levels)| !levels.is_empty());
+        CacheStats {
+            budget: self.budget,
+            peak: self.peak(),
+            index_bytes: self.index_bytes(),
+            buffer_bytes: self.scratch_bytes(),
+            total: CacheRow::from(&total),
+            knee: self.knee(&total),
+            by_depth: counts.depths.iter().map(CacheRow::from).collect(),
+            by_file: by_file
+                .map(|(name, levels)| {
+                    let mut sum = CacheCounts::default();
+                    levels.iter().for_each(|l| sum.add(l));
+                    CacheFile {
+                        file: name.display().to_string(),
+                        total: CacheRow::from(&sum),
+                        by_level: levels.iter().map(CacheRow::from).collect(),
+                    }
+                })
+                .collect(),
+        }
+    }
+
+    /// Where a larger cache stops paying.
+    fn knee(&self, total: &CacheCounts) -> Option<Knee> {
+        // Tiles of several sizes read in their proportion.
+        let pressure = |bytes| self.predicted_misses(bytes) / total.misses_compulsory.max(1) as f64;
+        let sizes = lock(&self.distances).sizes();
+        let bytes = sizes.into_iter().find(|&bytes| pressure(bytes) <= 1.1)?;
+        Some(Knee { bytes, pressure: pressure(bytes), pressure_at_half: pressure(bytes / 2) })
+    }
+
+    /// Predicted misses over look-ups for caches of other sizes, in rising order of bytes.
+    #[must_use]
+    pub fn miss_ratio_curve(&self) -> Vec<(u64, f64)> {
+        let lookups = lock(&self.totals).total().lookups.max(1) as f64;
+        let sizes = lock(&self.distances).sizes();
+        // Steps of 6 %: a curve to draw.
+        let steps = sizes.into_iter().rev().step_by(4);
+        let mut curve: Vec<_> =
+            steps.map(|bytes| (bytes, self.predicted_misses(bytes) / lookups)).collect();
+        curve.reverse();
+        curve
+    }
+
+    /// Tiles that a cache of `bytes` would have read in the run that this one has seen.
+    #[must_use]
+    pub fn predicted_misses(&self, bytes: u64) -> f64 {
+        let first = lock(&self.totals).total().misses_compulsory;
+        // Levels that stay leave less to the others.
+        let alone = |f: &CachedFile| {
+            let read = |tile: &u32| f.seen[*tile as usize / 64].load(Ordering::Relaxed) >> (tile % 64) & 1 == 1;
+            let tiles = f.file.first_tiles().iter().filter(|t| f.file.is_alone(**t) && read(t));
+            tiles.count() as u64 * cost(f.blocks)
+        };
+        let kept = self.files.iter().map(alone).sum::<u64>().min(self.kept_limit(bytes));
+        lock(&self.distances).misses(bytes - kept, self.requests.load(Ordering::Relaxed), first)
+    }
+
+    /// Most bytes of levels that stay in a cache of `bytes`.
+    fn kept_limit(&self, bytes: u64) -> u64 {
+        bytes.saturating_sub(self.least) / 16
+    }
+
+    #[inline(always)]
+    fn shard(&self, key: u64) -> MutexGuard<'_, Shard> {
+        let index = (spread(key) >> 40) as usize & (self.shards.len() - 1);
+        lock(&self.shards[index].0)
+    }
+
+    /// The tile `key`, from memory or from its file. Books what it cost.
+    fn fetch(&self, key: u64, thread: &mut thread::Ledger) -> Arc<Tile> {
+        loop {
+            let pending = {
+                let mut guard = self.shard(key);
+                let shard = &mut *guard;
+                if let Some(tile) = shard.tiles.peek(&key).or_else(|| shard.kept.get(&key)) {
+                    let tile = Arc::clone(tile);
+                    let now = self.clock.load(Ordering::Relaxed);
+                    if now - tile.used.load(Ordering::Relaxed) > self.fresh {
+                        tile.used.store(now, Ordering::Relaxed);
+                        shard.tiles.promote(&key);
+                    }
+                    drop(guard);
+                    thread.book(key, tile.level, |c| c.hits += 1);
+                    return tile;
+                }
+                if let Some(pending) = shard.loading.get(&key) {
+                    Some(Arc::clone(pending))
+                } else {
+                    shard.loading.insert(key, Arc::default());
+                    None
+                }
+            };
+            match pending {
+                None => return self.load(key, thread),
+                Some(pending) => {
+                    let start = Instant::now();
+                    let tile = pending.wait();
+                    let waited = nanoseconds(start);
+                    if let Some(tile) = tile {
+                        thread.book(key, tile.level, |c| {
+                            c.misses_duplicate += 1;
+                            c.stall_ns += waited;
+                        });
+                        return tile;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Reads a tile whose [`Pending`] this thread has put down.
+    fn load(&self, key: u64, thread: &mut thread::Ledger) -> Arc<Tile> {
+        let mut abandon = Abandon { cache: self, key, reserved: 0 };
+        let (file, index) = (&self.files[(key >> 32) as usize], key as u32);
+        let start = Instant::now();
+        let mut blocks = self.room(file.blocks);
+        abandon.reserved = cost(file.blocks);
+        let ready = Instant::now();
+        let size = file.file.tile_bytes();
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut blocks);
+        let read = file.file.read_tile(index, &mut bytes[..size], &mut thread.scratch);
+        if let Some(rest) = self.latency.checked_sub(ready.elapsed()) {
+            std::thread::sleep(rest);
+        }
+        let (bytes_read, failed) = match read {
+            Ok(bytes_read) => (bytes_read, 0),
+            Err(error) => {
+                file.file.fill_unreadable(&mut bytes[..size]);
+                if file.failed.fetch_add(1, Ordering::Relaxed) == 0 {
+                    lock(&self.failures).push(error.to_string());
+                }
+                (0, 1)
+            }
+        };
+        let read_ns = nanoseconds(ready);
+        let bit = 1 << (index % 64);
+        let first = file.seen[index as usize / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0;
+        let now = self.clock.fetch_add(1, Ordering::Relaxed);
+        let level = file.file.level_of(index) as u32;
+        let tile = Arc::new(Tile { level, used: AtomicU64::new(now), blocks });
+        let keep = self.keeps(file, index);
+        let pending = {
+            let mut shard = self.shard(key);
+            if keep {
+                shard.kept.insert(key, Arc::clone(&tile));
+            } else {
+                shard.tiles.put(key, Arc::clone(&tile));
+            }
+            shard.loading.remove(&key)
+        };
+        std::mem::forget(abandon);
+        if let Some(pending) = pending {
+            pending.finish(PendingState::Read(Arc::clone(&tile)));
+        }
+        thread.book(key, level, |c| {
+            *(if first { &mut c.misses_compulsory } else { &mut c.misses_capacity }) += 1;
+            c.bytes_read += bytes_read;
+            c.bytes_loaded += size as u64;
+            c.footprint_bytes += if first { size as u64 } else { 0 };
+            c.stall_ns += ready.duration_since(start).as_nanos() as u64;
+            c.read_ns += read_ns;
+            c.failed += failed;
+        });
+        tile
+    }
+
+    /// Whether a tile that has just been read stays: levels of one tile do while there is room for
+    /// them, because most look-ups from afar end there.
+    fn keeps(&self, file: &CachedFile, tile: u32) -> bool {
+        let bytes = cost(file.blocks);
+        let fits = |kept: u64| (kept + bytes <= self.kept_limit(self.budget)).then_some(kept + bytes);
+        file.file.is_alone(tile) && self.kept.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
+    }
+
+    /// Room for a tile of `blocks`, taken from the budget before it is allocated; evicts what has
+    /// not been used for longest.
+    fn room(&self, blocks: usize) -> Blocks {
+        let bytes = cost(blocks);
+        loop {
+            let fits = |used: u64| (used + bytes <= self.budget).then_some(used + bytes);
+            if let Ok(before) = self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits) {
+                self.peak.fetch_max(before + bytes, Ordering::Relaxed);
+                return allocate(blocks);
+            }
+            match self.evict() {
+                // The same room goes from hand to hand.
+                Some(old) if old.len() == blocks => return old,
+                Some(old) => {
+                    let freed = cost(old.len());
+                    drop(old);
+                    self.used.fetch_sub(freed, Ordering::Relaxed);
+                }
+                // All that is not in somebody's hands is being read; that ends.
+                None => std::thread::yield_now(),
+            }
+        }
+    }
+
+    /// Takes the oldest of several shards' oldest tiles out; `None` when every tile is in use.
+    fn evict(&self) -> Option<Blocks> {
+        let n = self.shards.len();
+        let start = self.hand.fetch_add(1, Ordering::Relaxed).wrapping_mul(TAILS);
+        let oldest = (0..TAILS.min(n))
+            .map(|i| (start + i) & (n - 1))
+            .filter_map(|i| lock(&self.shards[i].0).oldest().map(|used| (used, i)))
+            .min();
+        if let Some((_, i)) = oldest
+            && let Some(blocks) = lock(&self.shards[i].0).pop()
+        {
+            return Some(blocks);
+        }
+        (0..n).find_map(|i| lock(&self.shards[(start + i) & (n - 1)].0).pop())
+    }
+
+    fn record(&self, sampled: &mut Vec<(u64, u32)>, requests: u64) {
+        self.requests.fetch_add(requests, Ordering::Relaxed);
+        let mut distances = lock(&self.distances);
+        for (key, bytes) in sampled.drain(..) {
+            distances.record(key, bytes);
+        }
+        self.threshold.store(distances.threshold(), Ordering::Relaxed);
+    }
+
+    #[inline(always)]
+    fn is_sampled(&self, key: u64) -> bool {
+        sample_hash(key) <= self.threshold.load(Ordering::Relaxed)
+    }
+}
+
+impl Shard {
+    /// When the oldest tile that nobody holds was used. Tiles that are held at the old end are in
+    /// use, whatever their time says, and become the youngest.
+    fn oldest(&mut self) -> Option<u64> {
+        for _ in 0..self.tiles.len() {
+            let (&key, tile) = self.tiles.peek_lru()?;
+            if Arc::strong_count(tile) == 1 {
+                return Some(tile.used.load(Ordering::Relaxed));
+            }
+            self.tiles.promote(&key);
+        }
+        None
+    }
+
+    /// Takes the oldest tile out that nobody holds. Nobody can begin to hold it meanwhile: only
+    /// under the shard's lock is a tile handed out that no thread holds.
+    fn pop(&mut self) -> Option<Blocks> {
+        self.oldest()?;
+        let (_, tile) = self.tiles.pop_lru()?;
+        Arc::into_inner(tile).map(|tile| tile.blocks)
+    }
+}
+
+impl Pending {
+    fn finish(&self, state: PendingState) {
+        *lock(&self.state) = state;
+        self.done.notify_all();
+    }
+
+    /// The tile, when it is there; `None` when its reader gave up.
+    fn wait(&self) -> Option<Arc<Tile>> {
+        let mut state = lock(&self.state);
+        loop {
+            match &*state {
+                PendingState::Reading => {}
+                PendingState::Read(tile) => return Some(Arc::clone(tile)),
+                PendingState::Abandoned => return None,
+            }
+            state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Lets nobody wait for a thread that has panicked.
+struct Abandon<'a> {
+    cache: &'a TileCache,
+    key: u64,
+    reserved: u64,
+}
+
+impl Drop for Abandon<'_> {
+    fn drop(&mut self) {
+        // The blocks themselves went before, as locals of the reader do.
+        self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
+        let pending = self.cache.shard(self.key).loading.remove(&self.key);
+        if let Some(pending) = pending {
+            pending.finish(PendingState::Abandoned);
+        }
+    }
+}
+
+fn nanoseconds(since: Instant) -> u64 {
+    u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests;
