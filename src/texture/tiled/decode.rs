@@ -189,6 +189,11 @@ fn sum8<const N: usize>(row: &mut [u8]) {
     }
 }
 
+/// Running sums of all bytes.
+pub(super) fn running_sums(bytes: &mut [u8]) {
+    sum8::<1>(bytes);
+}
+
 fn sum16<const N: usize>(row: &mut [u8]) {
     let mut sum = [0u16; N];
     let (numbers, _) = row.as_chunks_mut::<2>();

@@ -9,6 +9,7 @@
 
 mod blocks;
 mod decode;
+mod exr;
 mod files;
 mod shape;
 mod tiff;
@@ -62,6 +63,7 @@ struct Layout {
 
 enum Codec {
     Tiff(tiff::Codec),
+    Exr(exr::Codec),
 }
 
 /// A texture file's sizes and offsets, ready to be read at any tile.
@@ -86,6 +88,7 @@ impl TiledFile {
         let magic = window.bytes(0, file.bytes().min(4) as usize).map_err(|e| Error::file(path, e))?;
         let layout = match *magic {
             [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => tiff::open(&mut window, encoding),
+            [0x76, 0x2f, 0x31, 0x01] => exr::open(&mut window),
             _ => return Ok(None),
         };
         let layout = layout.map_err(|e| Error::file(path, e))?;
@@ -144,6 +147,7 @@ impl TiledFile {
             + layout.offsets.len() * (size_of::<u64>() + size_of::<u32>())
             + match &layout.codec {
                 Codec::Tiff(codec) => codec.bytes(),
+                Codec::Exr(codec) => codec.bytes(),
             }
     }
 
@@ -173,14 +177,13 @@ impl TiledFile {
         scratch: &mut TileScratch,
     ) -> std::result::Result<u64, Cause> {
         let layout = &self.layout;
-        let (offset, size) = (layout.offsets[tile as usize], layout.sizes[tile as usize]);
+        let (offset, size) = (layout.offsets[tile as usize], layout.sizes[tile as usize] as usize);
         if size == 0 {
             return Err("the file's index places it outside of the file; damaged or cut short".into());
         }
         let read = match &layout.codec {
-            Codec::Tiff(codec) => {
-                codec.read(&self.file, &layout.shape, offset, size as usize, out, scratch)?
-            }
+            Codec::Tiff(codec) => codec.read(&self.file, &layout.shape, offset, size, out, scratch)?,
+            Codec::Exr(codec) => codec.read(&self.file, &layout.shape, at, offset, size, out, scratch)?,
         };
         layout.shape.clear_padding(at, out);
         Ok(read)
