@@ -8,9 +8,10 @@
 //! size, were held against the file's length and a bound.
 
 use super::decode::{self, Compression, Decoders};
-use super::files::{Cause, PooledFile, Window};
+use super::files::{Cause, PooledFile};
 use super::shape::{self, Place, Shape};
-use super::{Component, Layout, TileScratch};
+use super::window::Window;
+use super::{Component, Extent, Layout, TileScratch};
 use crate::scene::Encoding;
 use crate::texture::exr_in::color_channels;
 use crate::texture::image_io::one_line;
@@ -205,20 +206,18 @@ impl Codec {
         size_of::<MetaData>() + self.slots.len() * size_of::<Slot>()
     }
 
-    /// Decodes the tile whose at most `size` bytes begin at `offset`; returns how many were read.
-    #[expect(clippy::too_many_arguments, reason = "the tile, where it is, and where it goes")]
+    /// Decodes the tile whose bytes begin where `bytes` does; returns how many were read.
     pub(super) fn read(
         &self,
         file: &PooledFile,
         shape: &Shape,
         at: Place,
-        offset: u64,
-        size: usize,
+        bytes: Extent,
         out: &mut [u8],
         scratch: &mut TileScratch,
     ) -> Result<u64> {
         let TileScratch { raw, plain, decoders } = scratch;
-        let (bytes, read) = file.read(offset, size, raw)?;
+        let (bytes, read) = file.read(bytes.offset, bytes.len, raw)?;
         let (head, bytes) = bytes.split_at_checked(CHUNK_HEADER).ok_or("cut short")?;
         let (words, _) = head.as_chunks::<4>();
         let [x, y, level_x, level_y, len] = [0, 1, 2, 3, 4].map(|i| i32::from_le_bytes(words[i]));

@@ -11,8 +11,10 @@ mod blocks;
 mod decode;
 mod exr;
 mod files;
+mod ifd;
 mod shape;
 mod tiff;
+mod window;
 
 pub use files::{Caching, DEFAULT_OPEN_FILES, FilePool};
 pub use shape::TileLevel;
@@ -61,6 +63,13 @@ struct Layout {
     codec: Codec,
 }
 
+/// A tile's bytes in its file.
+#[derive(Clone, Copy)]
+struct Extent {
+    offset: u64,
+    len: usize,
+}
+
 enum Codec {
     Tiff(tiff::Codec),
     Exr(exr::Codec),
@@ -84,7 +93,7 @@ impl TiledFile {
     /// not halve down to one tile.
     pub fn open(path: &Path, encoding: Encoding, files: &Arc<FilePool>) -> Result<Option<Self>> {
         let file = files.open(path)?;
-        let mut window = files::Window::new(&file);
+        let mut window = window::Window::new(&file);
         let magic = window.bytes(0, file.bytes().min(4) as usize).map_err(|e| Error::file(path, e))?;
         let layout = match *magic {
             [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => tiff::open(&mut window, encoding),
@@ -181,9 +190,10 @@ impl TiledFile {
         if size == 0 {
             return Err("the file's index places it outside of the file; damaged or cut short".into());
         }
+        let bytes = Extent { offset, len: size };
         let read = match &layout.codec {
-            Codec::Tiff(codec) => codec.read(&self.file, &layout.shape, offset, size, out, scratch)?,
-            Codec::Exr(codec) => codec.read(&self.file, &layout.shape, at, offset, size, out, scratch)?,
+            Codec::Tiff(codec) => codec.read(&self.file, &layout.shape, at.level, bytes, out, scratch)?,
+            Codec::Exr(codec) => codec.read(&self.file, &layout.shape, at, bytes, out, scratch)?,
         };
         layout.shape.clear_padding(at, out);
         Ok(read)
