@@ -156,7 +156,7 @@ fn check_header(path: &Path, h: &Header) -> Result<()> {
 }
 
 /// The channels to read, in the order of the result; `None` when this part has no colour.
-fn color_channels(h: &Header) -> Option<Vec<usize>> {
+pub(super) fn color_channels(h: &Header) -> Option<Vec<usize>> {
     if h.deep {
         return None;
     }

@@ -51,11 +51,11 @@ impl Numbers {
 
 /// Longest form of a tile that a sane writer makes of `stored` bytes: what does not compress costs
 /// LZW half as much again (codes of 12 bits) and deflate 5 bytes a block.
-pub(super) fn longest(compression: Compression, stored: usize) -> usize {
+pub(super) fn longest(compression: Compression, stored: usize) -> u64 {
     match compression {
         // More than is read, so it costs nothing.
-        Compression::None => usize::MAX,
-        Compression::Lzw | Compression::Deflate => stored * 2 + 4096,
+        Compression::None => u64::from(u32::MAX),
+        Compression::Lzw | Compression::Deflate => stored as u64 * 2 + 4096,
     }
 }
 
@@ -136,17 +136,26 @@ impl Decoders {
     }
 }
 
-/// Undoes the predictor and the byte order of a tile whose rows have `row_numbers` numbers, in
-/// pixels of `samples`.
+/// What a tile's rows are.
+#[derive(Clone, Copy)]
+pub(super) struct Row {
+    pub(super) numbers: Numbers,
+    /// Numbers a pixel.
+    pub(super) samples: usize,
+    /// Pixels.
+    pub(super) width: usize,
+}
+
+/// Undoes the predictor and the byte order of a tile.
 pub(super) fn to_native(
     tile: &mut [u8],
-    numbers: Numbers,
+    row: Row,
     predictor: Predictor,
-    row_numbers: usize,
-    samples: usize,
     swap: bool,
     decoders: &mut Decoders,
 ) {
+    let Row { numbers, samples, width } = row;
+    let row_numbers = width * samples;
     let size = numbers.bytes();
     if predictor == Predictor::Float {
         for row in tile.chunks_exact_mut(row_numbers * size) {
@@ -187,6 +196,11 @@ fn sum8<const N: usize>(row: &mut [u8]) {
             *v = *s;
         }
     }
+}
+
+/// Running sums of all bytes.
+pub(super) fn running_sums(bytes: &mut [u8]) {
+    sum8::<1>(bytes);
 }
 
 fn sum16<const N: usize>(row: &mut [u8]) {

@@ -9,9 +9,12 @@
 
 mod blocks;
 mod decode;
+mod exr;
 mod files;
+mod ifd;
 mod shape;
 mod tiff;
+mod window;
 
 pub use files::{Caching, DEFAULT_OPEN_FILES, FilePool};
 pub use shape::TileLevel;
@@ -60,8 +63,16 @@ struct Layout {
     codec: Codec,
 }
 
+/// A tile's bytes in its file.
+#[derive(Clone, Copy)]
+struct Extent {
+    offset: u64,
+    len: usize,
+}
+
 enum Codec {
     Tiff(tiff::Codec),
+    Exr(exr::Codec),
 }
 
 /// A texture file's sizes and offsets, ready to be read at any tile.
@@ -82,10 +93,11 @@ impl TiledFile {
     /// not halve down to one tile.
     pub fn open(path: &Path, encoding: Encoding, files: &Arc<FilePool>) -> Result<Option<Self>> {
         let file = files.open(path)?;
-        let mut window = files::Window::new(&file);
+        let mut window = window::Window::new(&file);
         let magic = window.bytes(0, file.bytes().min(4) as usize).map_err(|e| Error::file(path, e))?;
         let layout = match *magic {
             [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => tiff::open(&mut window, encoding),
+            [0x76, 0x2f, 0x31, 0x01] => exr::open(&mut window),
             _ => return Ok(None),
         };
         let layout = layout.map_err(|e| Error::file(path, e))?;
@@ -144,6 +156,7 @@ impl TiledFile {
             + layout.offsets.len() * (size_of::<u64>() + size_of::<u32>())
             + match &layout.codec {
                 Codec::Tiff(codec) => codec.bytes(),
+                Codec::Exr(codec) => codec.bytes(),
             }
     }
 
@@ -173,14 +186,14 @@ impl TiledFile {
         scratch: &mut TileScratch,
     ) -> std::result::Result<u64, Cause> {
         let layout = &self.layout;
-        let (offset, size) = (layout.offsets[tile as usize], layout.sizes[tile as usize]);
+        let (offset, size) = (layout.offsets[tile as usize], layout.sizes[tile as usize] as usize);
         if size == 0 {
             return Err("the file's index places it outside of the file; damaged or cut short".into());
         }
+        let bytes = Extent { offset, len: size };
         let read = match &layout.codec {
-            Codec::Tiff(codec) => {
-                codec.read(&self.file, &layout.shape, offset, size as usize, out, scratch)?
-            }
+            Codec::Tiff(codec) => codec.read(&self.file, &layout.shape, at.level, bytes, out, scratch)?,
+            Codec::Exr(codec) => codec.read(&self.file, &layout.shape, at, bytes, out, scratch)?,
         };
         layout.shape.clear_padding(at, out);
         Ok(read)
