@@ -2,7 +2,8 @@
 //! media. Homogeneous and absorbing; what scatters in them is not simulated (the reader warns).
 //! Costs nothing where a scene has neither.
 
-use super::path::{Path, Shadow, SurfaceShading, World};
+use super::materials::Scattering;
+use super::path::{Path, Shadow, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
 use crate::geometry::{SurfacePoint, offset_origin};
@@ -15,10 +16,10 @@ impl<A: Accel> World<'_, A> {
     #[cold]
     pub(super) fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
         while hit.geometry != NONE {
-            let shading = &self.shading[self.geometry.surface_of(hit)];
+            let surface = self.geometry.surface_of(hit);
             let ray = Ray::new(path.origin, path.direction);
-            let key = path.key ^ path.sample;
-            let Some(point) = self.passed(shading, hit, &ray, key) else { return };
+            let Some(point) = self.passed(surface, hit, &ray, path.choice_key()) else { return };
+            let shading = &self.shading[surface];
             path.beta *= self.transmittance(path.medium, hit.t);
             path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
             path.travelled += hit.t;
@@ -29,13 +30,15 @@ impl<A: Accel> World<'_, A> {
     }
 
     /// The point at which a ray passes a surface without scattering; `None` where it does not.
-    fn passed(&self, shading: &SurfaceShading, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
+    fn passed(&self, surface: usize, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
+        let shading = &self.shading[surface];
         if !shading.may_pass || shading.emitter != NONE {
             return None;
         }
-        let point = self.geometry.surface_point(hit, ray, shading.needs);
-        let at = self.coordinates(&point, shading.needs);
-        self.materials.bsdf(shading.material, &at, key).is_none().then_some(point)
+        let point = self.geometry.surface_point(hit, surface, || *ray);
+        let at = || self.coordinates(&point, shading.needs);
+        let scattering = self.materials.scattering(shading.material, at, || key);
+        matches!(scattering, Scattering::Passes).then_some(point)
     }
 
     /// Beer's law over a distance in a medium.
@@ -62,9 +65,10 @@ impl<A: Accel> World<'_, A> {
             if hit.geometry == NONE {
                 return through * self.transmittance(medium, ray.t_max * length);
             }
-            let shading = &self.shading[self.geometry.surface_of(&hit)];
+            let surface = self.geometry.surface_of(&hit);
             // A mix decides by the point alone here: a shadow ray is nobody's path.
-            let Some(point) = self.passed(shading, &hit, &ray, 0) else { return Rgb::ZERO };
+            let Some(point) = self.passed(surface, &hit, &ray, 0) else { return Rgb::ZERO };
+            let shading = &self.shading[surface];
             through *= self.transmittance(medium, hit.t * length);
             medium = cross(shading.medium, point.ng, ray.direction, medium);
             let origin = offset_origin(point.p, point.error, point.ng, ray.direction);

@@ -7,12 +7,13 @@
 
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::geometry::{Needs, SceneGeometry, SurfacePoint, offset_origin};
+use crate::geometry::{Needs, SurfacePoint, Surfaces, offset_origin};
+use crate::integrator::bsdf::Scatter;
 use crate::integrator::camera::Camera;
 use crate::integrator::lights::{Emitter, Lights, NO_LIGHT, power_heuristic};
-use crate::integrator::materials::Materials;
+use crate::integrator::materials::{Materials, Scattering};
 use crate::integrator::media::{cross, medium_index};
-use crate::integrator::sampler::sample8;
+use crate::integrator::sampler::SetPair;
 use crate::math::Frame;
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
@@ -42,7 +43,7 @@ pub struct World<'a, A> {
     /// Traversal of emitting surfaces alone (world geometry ids), if that is worth having.
     pub emitters_only: Option<&'a A>,
     /// Surfaces.
-    pub geometry: &'a SceneGeometry,
+    pub geometry: Surfaces<'a>,
     /// By surface.
     pub shading: Vec<SurfaceShading>,
     /// Materials.
@@ -86,7 +87,7 @@ pub struct Path {
     pub travelled: f32,
     /// Key of the pixel.
     pub key: u32,
-    /// Sample number.
+    /// Sample number with its bits reversed, as [`SetPair`] takes it.
     pub sample: u32,
     /// Where its radiance is summed.
     pub slot: u32,
@@ -148,7 +149,7 @@ impl<'a, A: Accel> World<'a, A> {
             eta_scale: 1.0,
             travelled: 0.0,
             key,
-            sample,
+            sample: sample.reverse_bits(),
             slot,
             medium: medium_index(self.camera_medium),
         }
@@ -203,10 +204,8 @@ impl<'a, A: Accel> World<'a, A> {
     fn trace(&self, wave: &mut Wave, counters: &mut Counters) {
         wave.hits.clear();
         counters.closest += wave.paths.len() as u64;
-        for path in &mut wave.paths {
-            let hit = self.accel.closest(&Ray::new(path.origin, path.direction));
-            wave.hits.push(hit);
-        }
+        let closest = |path: &Path| self.accel.closest(&Ray::new(path.origin, path.direction));
+        wave.hits.extend(wave.paths.iter().map(closest));
         if self.has_interfaces {
             for (path, hit) in wave.paths.iter_mut().zip(&mut wave.hits) {
                 self.pass_interfaces(path, hit, counters);
@@ -217,26 +216,30 @@ impl<'a, A: Accel> World<'a, A> {
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
     #[inline(always)]
     fn shade(&self, wave: &mut Wave, depth: u32) {
-        wave.shadows.clear();
+        let Wave { paths, hits, shadows, radiance } = wave;
+        shadows.clear();
+        let set = 1 + 2 * depth;
+        let mut sets = SetPair::new(0, set);
         let mut kept = 0;
-        for i in 0..wave.paths.len() {
-            if let Some(hit) = wave.hits.get(i + PREFETCH_INDICES) {
+        for i in 0..paths.len() {
+            if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
                 self.geometry.prefetch_indices(hit);
             }
-            if let Some(hit) = wave.hits.get(i + PREFETCH_VERTICES)
-                && hit.geometry != NONE
-            {
-                let needs = self.shading[self.geometry.surface_of(hit)].needs;
-                self.geometry.prefetch_vertices(hit, needs);
+            if let Some(hit) = hits.get(i + PREFETCH_VERTICES) {
+                self.geometry.prefetch_vertices(hit);
             }
-            let mut path = wave.paths[i];
-            let radiance = &mut wave.radiance[path.slot as usize];
-            let alive = self.shade_one(&mut path, &wave.hits[i], depth, radiance, &mut wave.shadows);
-            // Written without a branch on the outcome: the next path overwrites a dead one.
-            wave.paths[kept] = path;
-            kept += usize::from(alive);
+            let path = &paths[i];
+            // The paths of a pixel follow each other.
+            if path.key != sets.key() {
+                sets = SetPair::new(path.key, set);
+            }
+            let radiance = &mut radiance[path.slot as usize];
+            if let Some(next) = self.shade_one(path, &hits[i], depth, &sets, radiance, shadows) {
+                paths[kept] = next;
+                kept += 1;
+            }
         }
-        wave.paths.truncate(kept);
+        paths.truncate(kept);
     }
 
     /// Radiance from where no surface is.
@@ -247,11 +250,12 @@ impl<'a, A: Accel> World<'a, A> {
         *radiance += beta * self.lights.background(path.direction, path.pdf);
     }
 
-    /// Emission of a surface towards the path, weighted against light sampling.
+    /// Emission of a surface towards the path of weight `beta`, weighted against light sampling.
     #[inline(always)]
     fn add_emission(
         &self,
         path: &Path,
+        beta: Rgb,
         hit: &Hit,
         point: &SurfacePoint,
         emitter: &Emitter,
@@ -272,43 +276,68 @@ impl<'a, A: Accel> World<'a, A> {
             let pdf = self.lights.pdf_area(path.reference(), light, point, at, distance, cos.abs());
             weight = power_heuristic(path.pdf, pdf);
         }
-        *radiance += path.beta * self.lights.emitted(emitter, light, point.uv) * weight;
+        *radiance += beta * self.lights.emitted(emitter, light, point.uv) * weight;
     }
 
+    /// The path behind what `path` met; `None` where it ends.
     #[inline(always)]
     fn shade_one(
         &self,
-        path: &mut Path,
+        path: &Path,
         hit: &Hit,
         depth: u32,
+        sets: &SetPair,
         radiance: &mut Rgb,
         shadows: &mut Vec<Shadow>,
-    ) -> bool {
+    ) -> Option<Path> {
         if hit.geometry == NONE {
             self.add_background(path, radiance);
-            return false;
+            return None;
         }
         let surface = self.geometry.surface_of(hit);
         let shading = &self.shading[surface];
-        let ray = Ray::new(path.origin, path.direction);
-        let point = self.geometry.surface_point(hit, &ray, shading.needs);
+        let point = &self.geometry.surface_point(hit, surface, || Ray::new(path.origin, path.direction));
+        let mut beta = path.beta;
         if path.medium != NONE {
-            path.beta *= self.transmittance(path.medium, hit.t);
+            beta *= self.transmittance(path.medium, hit.t);
         }
         if shading.emitter != NONE {
-            self.add_emission(path, hit, &point, &self.lights.emitters[shading.emitter as usize], radiance);
+            let emitter = &self.lights.emitters[shading.emitter as usize];
+            self.add_emission(path, beta, hit, point, emitter, radiance);
         }
         if depth >= self.max_depth {
-            return false;
+            return None;
         }
-        let coordinates = self.coordinates(&point, shading.needs);
-        let Some(bsdf) = self.materials.bsdf(shading.material, &coordinates, path.key ^ path.sample) else {
+        let at = || self.coordinates(point, shading.needs);
+        match self.materials.scattering(shading.material, at, || path.choice_key()) {
+            Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, sets, shadows),
+            Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, sets, shadows),
             // An interface that `trace` did not pass, because it emits.
-            path.travelled += hit.t;
-            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
-            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
-            return true;
-        };
+            Scattering::Passes => Some(Path {
+                beta,
+                travelled: path.travelled + hit.t,
+                origin: offset_origin(point.p, point.error, point.ng, path.direction),
+                medium: cross(shading.medium, point.ng, path.direction, path.medium),
+                ..*path
+            }),
+        }
+    }
+
+    /// Light sampling and the next direction at a surface that scatters. Compiled for each kind of
+    /// scattering function that it is called with.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "the parts of one vertex; a record of them costs copies")]
+    fn scatter(
+        &self,
+        bsdf: &impl Scatter,
+        path: &Path,
+        mut beta: Rgb,
+        shading: &SurfaceShading,
+        point: &SurfacePoint,
+        depth: u32,
+        sets: &SetPair,
+        shadows: &mut Vec<Shadow>,
+    ) -> Option<Path> {
         let frame = if shading.needs.has(Needs::TANGENT) {
             Frame::from_z_x(point.ns, point.dpdu)
         } else {
@@ -316,7 +345,7 @@ impl<'a, A: Accel> World<'a, A> {
         };
         let wo = frame.to_local(-path.direction);
 
-        let (u, to_light) = sample8(path.key, path.sample, 1 + 2 * depth);
+        let (u, to_light) = sets.sample(path.sample);
         if self.samples_lights
             && !bsdf.is_delta()
             && let Some(light) = self.lights.sample(point.p, to_light)
@@ -328,40 +357,48 @@ impl<'a, A: Accel> World<'a, A> {
                 let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
                 shadows.push(Shadow {
                     ray: light.ray_from(point.p, point.error, point.ng),
-                    contribution: path.beta * f * light.radiance * (weight / light.pdf),
+                    contribution: beta * f * light.radiance * (weight / light.pdf),
                     slot: path.slot,
                     medium: cross(shading.medium, point.ng, light.wi, path.medium),
                 });
             }
         }
 
-        let Some(s) = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1])) else { return false };
-        let direction = frame.to_world(s.wi);
-        path.beta *= s.weight;
-        path.pdf = match self.estimator {
-            Estimator::Scattering => 0.0,
-            _ if s.delta => 0.0,
-            Estimator::Both => s.pdf,
-            // So improbable beside light sampling that the heuristic gives it no weight.
-            Estimator::Lights => f32::MIN_POSITIVE,
-        };
+        let s = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1]))?;
+        beta *= s.weight;
+        let mut eta_scale = path.eta_scale;
         if s.transmission {
-            path.eta_scale *= s.eta * s.eta;
+            eta_scale *= s.eta * s.eta;
         }
-        path.medium = cross(shading.medium, point.ng, direction, path.medium);
-        path.origin = offset_origin(point.p, point.error, point.ng, direction);
-        path.direction = direction;
-        path.travelled = 0.0;
         // Russian roulette from the second scattering event on, as pbrt-v4 does.
-        let weight = path.beta.max_element() * path.eta_scale;
+        let weight = beta.max_element() * eta_scale;
         if weight < self.rr_threshold && depth >= 1 {
             let q = (1.0 - weight).max(0.0);
             if u[3] < q {
-                return false;
+                return None;
             }
-            path.beta /= 1.0 - q;
+            beta /= 1.0 - q;
         }
-        path.beta != Rgb::ZERO
+        if beta == Rgb::ZERO {
+            return None;
+        }
+        let direction = frame.to_world(s.wi);
+        Some(Path {
+            origin: offset_origin(point.p, point.error, point.ng, direction),
+            direction,
+            beta,
+            pdf: match self.estimator {
+                Estimator::Scattering => 0.0,
+                _ if s.delta => 0.0,
+                Estimator::Both => s.pdf,
+                // So improbable beside light sampling that the heuristic gives it no weight.
+                Estimator::Lights => f32::MIN_POSITIVE,
+            },
+            eta_scale,
+            travelled: 0.0,
+            medium: cross(shading.medium, point.ng, direction, path.medium),
+            ..*path
+        })
     }
 
     /// Where the textures of a surface are asked for.
@@ -435,6 +472,12 @@ impl<'a, A: Accel> World<'a, A> {
 }
 
 impl Path {
+    /// Decides between mixed materials; the same for all who ask about one vertex.
+    #[inline(always)]
+    pub(super) fn choice_key(&self) -> u32 {
+        self.key ^ self.sample.reverse_bits()
+    }
+
     /// The last scattering event, from which light sampling would have started.
     #[inline(always)]
     fn reference(&self) -> Vec3 {

@@ -9,7 +9,7 @@ use crate::accel::{Accel, NONE};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
-use crate::geometry::{self, Opacity, SceneGeometry};
+use crate::geometry::{self, Opacity, SceneGeometry, Surfaces};
 use crate::integrator::camera::Camera;
 use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights::Lights;
@@ -76,7 +76,7 @@ pub(super) fn render(
         samples_lights,
         accel: &accel,
         emitters_only: emitters.as_ref(),
-        geometry: &geometry,
+        geometry: Surfaces::new(&geometry, |s| shading[s].needs),
         has_interfaces: shading.iter().any(|s| s.may_pass),
         shading,
         materials,

@@ -116,6 +116,51 @@ impl Bsdf<'_> {
     }
 }
 
+/// What shading asks of a scattering function. Implemented by [`Bsdf`] and by its commonest kind, for
+/// which shading is compiled apart.
+pub trait Scatter {
+    /// See [`Bsdf::eval`].
+    fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32);
+    /// See [`Bsdf::sample`].
+    fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample>;
+    /// See [`Bsdf::is_delta`].
+    fn is_delta(&self) -> bool;
+}
+
+impl Scatter for Bsdf<'_> {
+    #[inline(always)]
+    fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32) {
+        self.eval(wo, wi)
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample> {
+        self.sample(wo, uc, u)
+    }
+
+    #[inline(always)]
+    fn is_delta(&self) -> bool {
+        self.is_delta()
+    }
+}
+
+impl Scatter for Diffuse {
+    #[inline(always)]
+    fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32) {
+        self.eval(wo, wi)
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: Vec3, _: f32, u: Vec2) -> Option<BsdfSample> {
+        self.sample(wo, u)
+    }
+
+    #[inline(always)]
+    fn is_delta(&self) -> bool {
+        false
+    }
+}
+
 /// pbrt-v4's `remaproughness`: α = √roughness.
 #[inline]
 #[must_use]
