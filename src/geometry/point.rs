@@ -34,17 +34,18 @@ impl Needs {
     }
 }
 
-/// A point on a surface, world space.
+/// A point on a surface, world space. Points and normals that every vertex works with are in SIMD
+/// registers; the roundings are those of scalars.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     /// Position.
-    pub p: Vec3,
+    pub p: Vec3A,
     /// Bound on the distance between `p` and the surface that a ray would meet.
     pub error: f32,
     /// Unit geometric normal, on the side that pbrt's rules give.
-    pub ng: Vec3,
+    pub ng: Vec3A,
     /// Unit shading normal.
-    pub ns: Vec3,
+    pub ns: Vec3A,
     /// Texture coordinates, if needed.
     pub uv: Vec2,
     /// ∂p/∂u, if needed; else zero.
@@ -57,8 +58,9 @@ pub struct SurfacePoint {
 /// on the errors of the point and of the traversal's plane test (pbrt 4th ed. §6.8.6).
 #[inline(always)]
 #[must_use]
-pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, direction: Vec3) -> Vec3 {
-    let reach = error * (ng.x.abs() + ng.y.abs() + ng.z.abs());
+pub fn offset_origin(p: Vec3A, error: f32, ng: Vec3A, direction: Vec3A) -> Vec3A {
+    let a = ng.abs();
+    let reach = error * (a.x + a.y + a.z);
     p + ng * reach.copysign(ng.dot(direction))
 }
 
@@ -76,14 +78,11 @@ impl Surfaces<'_> {
     #[must_use]
     pub fn surface_point(&self, hit: &Hit, surface: usize, ray: impl FnOnce() -> Ray) -> SurfacePoint {
         let flat = &self.flat[surface];
-        let mut point = match flat.mesh {
+        let point = match flat.mesh {
             Some(mesh) => triangle_point(flat, mesh, hit),
             None => self.uncommon_point(surface, hit, &ray()),
         };
-        if hit.instance != NONE {
-            self.place(&mut point, hit.instance);
-        }
-        point
+        if hit.instance == NONE { point } else { self.place(point, hit.instance) }
     }
 
     /// Index of the surface that was hit.
@@ -150,11 +149,11 @@ impl Surfaces<'_> {
                 let ng = at.n.as_vec3() * sign;
                 let stretch = at.dpdu.cross(at.dpdv).length();
                 SurfacePoint {
-                    p,
+                    p: p.into(),
                     // p is rounded once from f64; traversal meets the quadric in f64 and rounds t.
                     error: gamma(4) * max_abs(p) + gamma(2) * hit.t.abs() * max_abs(ray.direction),
-                    ng,
-                    ns: ng,
+                    ng: ng.into(),
+                    ns: ng.into(),
                     uv: at.uv.as_vec2(),
                     dpdu: at.dpdu.as_vec3(),
                     uv_rate: if stretch > 0.0 { (1.0 / stretch).sqrt() as f32 } else { 0.0 },
@@ -166,25 +165,27 @@ impl Surfaces<'_> {
 
     /// From an instance's space to the world.
     #[inline(never)]
-    fn place(&self, point: &mut SurfacePoint, instance: u32) {
+    fn place(&self, mut point: SurfacePoint, instance: u32) -> SurfacePoint {
         let t = &self.geometry.instances[instance as usize].to_world;
         let scale = Mat3::from_mat4(t.m.as_mat4());
-        let before = point.p;
-        point.p = t.m.transform_point3(before.as_dvec3()).as_vec3();
+        let before = Vec3::from(point.p);
+        let p = t.m.transform_point3(before.as_dvec3()).as_vec3();
+        point.p = p.into();
         // The object-space bound, stretched by the largest column sum, and the rounding of the
         // transform that the traversal applies to the ray.
         let stretch = scale.x_axis.abs() + scale.y_axis.abs() + scale.z_axis.abs();
-        point.error = point.error * max_abs(stretch)
-            + gamma(4) * (max_abs(point.p) + max_abs(stretch) * max_abs(before));
+        point.error =
+            point.error * max_abs(stretch) + gamma(4) * (max_abs(p) + max_abs(stretch) * max_abs(before));
         // How the transform stretches areas of the surface: |det M| · |M⁻ᵀ n| (Nanson).
-        let normal = t.normal(point.ng);
+        let normal = t.normal(point.ng.into());
         let area = scale.determinant().abs() * normal.length();
         if area > 0.0 {
             point.uv_rate /= area.sqrt();
         }
-        point.ng = normal.normalize_or_zero();
-        point.ns = t.normal(point.ns).normalize_or_zero();
+        point.ng = normal.normalize_or_zero().into();
+        point.ns = t.normal(point.ns.into()).normalize_or_zero().into();
         point.dpdu = t.vector(point.dpdu);
+        point
     }
 }
 
@@ -221,15 +222,7 @@ fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
             }
         }
     }
-    let mut point = SurfacePoint {
-        p: p.into(),
-        error,
-        ng: ng.into(),
-        ns: ns.into(),
-        uv: Vec2::new(b1, b2),
-        dpdu: Vec3::ZERO,
-        uv_rate: 0.0,
-    };
+    let mut point = SurfacePoint { p, error, ng, ns, uv: Vec2::new(b1, b2), dpdu: Vec3::ZERO, uv_rate: 0.0 };
     if flat.needs != Needs::default() {
         let edges = [e1.into(), e2.into()];
         add_attributes(&mut point, mesh, corners, [b0, b1, b2], edges, area2, flat.needs);
@@ -266,7 +259,7 @@ fn add_attributes(
         });
         point.dpdu = given.filter(|s| s.length_squared() > 0.0).unwrap_or_else(|| {
             let t = (e1 * d2.y - e2 * d1.y) / determinant;
-            if t.is_finite() { t } else { Frame::from_z(point.ng).x }
+            if t.is_finite() { t } else { Frame::from_z(point.ng.into()).x }
         });
     }
 }
@@ -304,12 +297,12 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
     }
     let (lo, hi) = patches.bounds(hit.primitive);
     SurfacePoint {
-        p: p.as_vec3(),
+        p: p.as_vec3().into(),
         // u and v are rounded to f32: the point slides on the patch by an ulp of its extent, and
         // p is rounded once.
         error: gamma(4) * max_abs(lo.abs().max(hi.abs())) + gamma(4) * max_abs(hi - lo),
-        ng,
-        ns,
+        ng: ng.into(),
+        ns: ns.into(),
         uv,
         dpdu: dpdu32,
         uv_rate: (uv_area / (cross.length() as f32)).sqrt(),

@@ -9,7 +9,7 @@ use crate::color::Rgb;
 use crate::geometry::{SurfacePoint, offset_origin};
 use crate::scene::{MediumId, MediumInterface};
 use crate::stats::Counters;
-use glam::Vec3;
+use glam::Vec3A;
 
 impl<A: Accel> World<'_, A> {
     /// Continues through surfaces that do not scatter. Each stands for one more ray.
@@ -21,9 +21,10 @@ impl<A: Accel> World<'_, A> {
             let Some(point) = self.passed(surface, hit, &ray, path.choice_key()) else { return };
             let shading = &self.shading[surface];
             path.beta *= self.transmittance(path.medium, hit.t);
-            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
+            let direction = path.direction.into();
+            path.medium = cross(shading.medium, point.ng, direction, path.medium);
             path.travelled += hit.t;
-            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
+            path.origin = offset_origin(point.p, point.error, point.ng, direction).into();
             counters.closest += 1;
             *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
         }
@@ -70,8 +71,9 @@ impl<A: Accel> World<'_, A> {
             let Some(point) = self.passed(surface, &hit, &ray, 0) else { return Rgb::ZERO };
             let shading = &self.shading[surface];
             through *= self.transmittance(medium, hit.t * length);
-            medium = cross(shading.medium, point.ng, ray.direction, medium);
-            let origin = offset_origin(point.p, point.error, point.ng, ray.direction);
+            let direction = ray.direction.into();
+            medium = cross(shading.medium, point.ng, direction, medium);
+            let origin = offset_origin(point.p, point.error, point.ng, direction).into();
             if ray.t_max.is_finite() {
                 ray.direction = ray.origin + ray.direction - origin;
             }
@@ -82,7 +84,7 @@ impl<A: Accel> World<'_, A> {
 
 /// The medium behind a surface in direction `w`.
 #[inline(always)]
-pub(super) fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) -> u32 {
+pub(super) fn cross(interface: Option<MediumInterface>, ng: Vec3A, w: Vec3A, current: u32) -> u32 {
     match interface {
         None => current,
         Some(m) => medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside }),

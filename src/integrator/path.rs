@@ -19,7 +19,7 @@ use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
 use crate::stats::Counters;
 use crate::texture::TextureCoordinates;
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 
 /// What shading needs to know of a surface; 32 bytes, two a cache line.
 #[derive(Clone, Copy, Debug)]
@@ -113,7 +113,7 @@ pub struct Shadow {
 pub struct Wave {
     /// Paths alive.
     pub paths: Vec<Path>,
-    /// What each path's ray met.
+    /// What each path's ray met; those beyond the paths alive mean nothing.
     hits: Vec<Hit>,
     /// Shadow rays of one step.
     shadows: Vec<Shadow>,
@@ -179,6 +179,7 @@ impl<'a, A: Accel> World<'a, A> {
         let count = wave.paths.len();
         wave.radiance.clear();
         wave.radiance.resize(count, Rgb::ZERO);
+        wave.hits.resize(count, Hit::MISS);
         for depth in 0..=self.max_depth {
             if wave.paths.is_empty() {
                 break;
@@ -202,12 +203,13 @@ impl<'a, A: Accel> World<'a, A> {
     /// Finds what every path's ray meets, passing interfaces.
     #[inline(always)]
     fn trace(&self, wave: &mut Wave, counters: &mut Counters) {
-        wave.hits.clear();
-        counters.closest += wave.paths.len() as u64;
-        let closest = |path: &Path| self.accel.closest(&Ray::new(path.origin, path.direction));
-        wave.hits.extend(wave.paths.iter().map(closest));
+        let hits = &mut wave.hits[..wave.paths.len()];
+        counters.closest += hits.len() as u64;
+        for (path, hit) in wave.paths.iter().zip(&mut *hits) {
+            *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
+        }
         if self.has_interfaces {
-            for (path, hit) in wave.paths.iter_mut().zip(&mut wave.hits) {
+            for (path, hit) in wave.paths.iter_mut().zip(hits) {
                 self.pass_interfaces(path, hit, counters);
             }
         }
@@ -217,6 +219,7 @@ impl<'a, A: Accel> World<'a, A> {
     #[inline(always)]
     fn shade(&self, wave: &mut Wave, depth: u32) {
         let Wave { paths, hits, shadows, radiance } = wave;
+        let hits = &hits[..paths.len()];
         shadows.clear();
         let set = 1 + 2 * depth;
         let mut sets = SetPair::new(0, set);
@@ -261,7 +264,7 @@ impl<'a, A: Accel> World<'a, A> {
         emitter: &Emitter,
         radiance: &mut Rgb,
     ) {
-        let cos = -path.direction.dot(point.ng);
+        let cos = -path.direction.dot(point.ng.into());
         if cos <= 0.0 && !emitter.two_sided {
             return;
         }
@@ -313,13 +316,16 @@ impl<'a, A: Accel> World<'a, A> {
             Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, sets, shadows),
             Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, sets, shadows),
             // An interface that `trace` did not pass, because it emits.
-            Scattering::Passes => Some(Path {
-                beta,
-                travelled: path.travelled + hit.t,
-                origin: offset_origin(point.p, point.error, point.ng, path.direction),
-                medium: cross(shading.medium, point.ng, path.direction, path.medium),
-                ..*path
-            }),
+            Scattering::Passes => {
+                let direction = path.direction.into();
+                Some(Path {
+                    beta,
+                    travelled: path.travelled + hit.t,
+                    origin: offset_origin(point.p, point.error, point.ng, direction).into(),
+                    medium: cross(shading.medium, point.ng, direction, path.medium),
+                    ..*path
+                })
+            }
         }
     }
 
@@ -339,9 +345,9 @@ impl<'a, A: Accel> World<'a, A> {
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
         let frame = if shading.needs.has(Needs::TANGENT) {
-            Frame::from_z_x(point.ns, point.dpdu)
+            Frame::from_z_x(point.ns.into(), point.dpdu)
         } else {
-            Frame::from_z(point.ns)
+            Frame::from_z(point.ns.into())
         };
         let wo = frame.to_local(-path.direction);
 
@@ -350,7 +356,7 @@ impl<'a, A: Accel> World<'a, A> {
             && !bsdf.is_delta()
             && let Some(light) = self.lights.sample(point.p, to_light)
         {
-            let wi = frame.to_local(light.wi);
+            let wi = frame.to_local(light.wi.into());
             let (f, pdf) = bsdf.eval(wo, wi);
             if f != Rgb::ZERO {
                 let plain = light.delta || self.estimator == Estimator::Lights;
@@ -383,8 +389,9 @@ impl<'a, A: Accel> World<'a, A> {
             return None;
         }
         let direction = frame.to_world(s.wi);
+        let wide = Vec3A::from(direction);
         Some(Path {
-            origin: offset_origin(point.p, point.error, point.ng, direction),
+            origin: offset_origin(point.p, point.error, point.ng, wide).into(),
             direction,
             beta,
             pdf: match self.estimator {
@@ -396,7 +403,7 @@ impl<'a, A: Accel> World<'a, A> {
             },
             eta_scale,
             travelled: 0.0,
-            medium: cross(shading.medium, point.ng, direction, path.medium),
+            medium: cross(shading.medium, point.ng, wide, path.medium),
             ..*path
         })
     }
@@ -406,8 +413,8 @@ impl<'a, A: Accel> World<'a, A> {
     pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
         TextureCoordinates {
             uv: point.uv,
-            p: point.p,
-            n: point.ns,
+            p: point.p.into(),
+            n: point.ns.into(),
             width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
         }
     }
@@ -416,7 +423,7 @@ impl<'a, A: Accel> World<'a, A> {
     /// approximation for every bounce, 4th ed. §10.1.3).
     #[inline]
     fn footprint(&self, point: &SurfacePoint) -> f32 {
-        self.camera.pixel_width_at(point.p, point.ng) * point.uv_rate * self.footprint_scale
+        self.camera.pixel_width_at(point.p.into(), point.ng.into()) * point.uv_rate * self.footprint_scale
     }
 
     /// Adds the light samples that nothing occludes.
