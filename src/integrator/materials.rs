@@ -33,8 +33,8 @@ impl MaterialTables {
 enum Compiled<'a> {
     /// The commonest material, its reflectance constant.
     Diffuse(Diffuse),
-    /// All parameters are constant.
-    Ready(Bsdf<'a>),
+    /// All parameters are constant. Boxed, so that telling a plain material costs one comparison.
+    Ready(Box<Bsdf<'a>>),
     /// The commonest textured material.
     TexturedDiffuse(TextureId),
     /// Whatever else has textures.
@@ -114,7 +114,7 @@ impl<'a> Materials<'a> {
             Compiled::TexturedDiffuse(t) => {
                 Scattering::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, &at()))))
             }
-            Compiled::Ready(b) => Scattering::Other(*b),
+            Compiled::Ready(b) => Scattering::Other(**b),
             other => self.uncommon(other, &at(), key()).into(),
         }
     }
@@ -123,7 +123,7 @@ impl<'a> Materials<'a> {
     fn uncommon(&self, compiled: &Compiled<'a>, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
         match compiled {
             Compiled::Diffuse(d) => Some(Bsdf::Diffuse(*d)),
-            Compiled::Ready(b) => Some(*b),
+            Compiled::Ready(b) => Some(**b),
             Compiled::TexturedDiffuse(t) => {
                 Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at)))))
             }
@@ -179,7 +179,7 @@ fn compile<'a>(m: &'a Material, textures: &'a Textures, tables: Option<&'a Coate
         let value = |t: TextureId| textures.constant(t).expect("all textures of this material are constant");
         return match evaluate(m, tables, &value).into() {
             Scattering::Diffuse(d) => Compiled::Diffuse(d),
-            Scattering::Other(b) => Compiled::Ready(b),
+            Scattering::Other(b) => Compiled::Ready(Box::new(b)),
             Scattering::Passes => Compiled::Interface,
         };
     }

@@ -2,6 +2,7 @@
 
 pub mod bsdf;
 pub mod camera;
+mod draws;
 pub mod light;
 pub mod lights;
 pub mod lights_build;

@@ -10,10 +10,10 @@ use crate::color::Rgb;
 use crate::geometry::{Needs, SurfacePoint, Surfaces, offset_origin};
 use crate::integrator::bsdf::Scatter;
 use crate::integrator::camera::Camera;
+use crate::integrator::draws::{Draws, LANES};
 use crate::integrator::lights::{Emitter, Lights, NO_LIGHT, power_heuristic};
 use crate::integrator::materials::{Materials, Scattering};
 use crate::integrator::media::{cross, medium_index};
-use crate::integrator::sampler::SetPair;
 use crate::math::Frame;
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
@@ -87,7 +87,7 @@ pub struct Path {
     pub travelled: f32,
     /// Key of the pixel.
     pub key: u32,
-    /// Sample number with its bits reversed, as [`SetPair`] takes it.
+    /// Sample number with its bits reversed, as [`SetPair`](super::sampler::SetPair) takes it.
     pub sample: u32,
     /// Where its radiance is summed.
     pub slot: u32,
@@ -221,25 +221,26 @@ impl<'a, A: Accel> World<'a, A> {
         let Wave { paths, hits, shadows, radiance } = wave;
         let hits = &hits[..paths.len()];
         shadows.clear();
-        let set = 1 + 2 * depth;
-        let mut sets = SetPair::new(0, set);
+        let mut draws = Draws::new(depth);
         let mut kept = 0;
-        for i in 0..paths.len() {
-            if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
-                self.geometry.prefetch_indices(hit);
+        for start in (0..hits.len()).step_by(LANES) {
+            let group = start..(start + LANES).min(hits.len());
+            if depth < self.max_depth {
+                draws.draw(&paths[group.clone()]);
             }
-            if let Some(hit) = hits.get(i + PREFETCH_VERTICES) {
-                self.geometry.prefetch_vertices(hit);
-            }
-            let path = &paths[i];
-            // The paths of a pixel follow each other.
-            if path.key != sets.key() {
-                sets = SetPair::new(path.key, set);
-            }
-            let radiance = &mut radiance[path.slot as usize];
-            if let Some(next) = self.shade_one(path, &hits[i], depth, &sets, radiance, shadows) {
-                paths[kept] = next;
-                kept += 1;
+            for i in group {
+                if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
+                    self.geometry.prefetch_indices(hit);
+                }
+                if let Some(hit) = hits.get(i + PREFETCH_VERTICES) {
+                    self.geometry.prefetch_vertices(hit);
+                }
+                let (path, draw) = (&paths[i], (draws.numbers(i - start), draws.cosine(i - start)));
+                let radiance = &mut radiance[path.slot as usize];
+                if let Some(next) = self.shade_one(path, &hits[i], depth, draw, radiance, shadows) {
+                    paths[kept] = next;
+                    kept += 1;
+                }
             }
         }
         paths.truncate(kept);
@@ -289,7 +290,7 @@ impl<'a, A: Accel> World<'a, A> {
         path: &Path,
         hit: &Hit,
         depth: u32,
-        sets: &SetPair,
+        draw: (&[f32; 8], Vec3),
         radiance: &mut Rgb,
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
@@ -313,8 +314,8 @@ impl<'a, A: Accel> World<'a, A> {
         }
         let at = || self.coordinates(point, shading.needs);
         match self.materials.scattering(shading.material, at, || path.choice_key()) {
-            Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, sets, shadows),
-            Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, sets, shadows),
+            Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, draw, shadows),
+            Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, draw, shadows),
             // An interface that `trace` did not pass, because it emits.
             Scattering::Passes => {
                 let direction = path.direction.into();
@@ -341,7 +342,7 @@ impl<'a, A: Accel> World<'a, A> {
         shading: &SurfaceShading,
         point: &SurfacePoint,
         depth: u32,
-        sets: &SetPair,
+        (u, cosine): (&[f32; 8], Vec3),
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
         let frame = if shading.needs.has(Needs::TANGENT) {
@@ -351,10 +352,9 @@ impl<'a, A: Accel> World<'a, A> {
         };
         let wo = frame.to_local(-path.direction);
 
-        let (u, to_light) = sets.sample(path.sample);
         if self.samples_lights
             && !bsdf.is_delta()
-            && let Some(light) = self.lights.sample(point.p, to_light)
+            && let Some(light) = self.lights.sample(point.p, [u[4], u[5], u[6], u[7]])
         {
             let wi = frame.to_local(light.wi.into());
             let (f, pdf) = bsdf.eval(wo, wi);
@@ -370,7 +370,7 @@ impl<'a, A: Accel> World<'a, A> {
             }
         }
 
-        let s = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1]))?;
+        let s = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1]), cosine)?;
         beta *= s.weight;
         let mut eta_scale = path.eta_scale;
         if s.transmission {

@@ -25,6 +25,7 @@ pub use diffuse::{Diffuse, DiffuseTransmission};
 pub use ggx::Ggx;
 
 use crate::color::Rgb;
+use crate::math::warp::cosine_hemisphere;
 use crate::math::{Vec2, Vec3};
 
 /// One sampled direction, local frame.
@@ -93,7 +94,7 @@ impl Bsdf<'_> {
     #[must_use]
     pub fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample> {
         match self {
-            Self::Diffuse(b) => b.sample(wo, u),
+            Self::Diffuse(b) => b.sample_towards(wo, cosine_hemisphere(u)),
             Self::CoatedDiffuse(b) => b.sample(wo, uc, u),
             Self::Conductor(b) => b.sample(wo, u),
             Self::Dielectric(b) => b.sample(wo, uc, u),
@@ -121,8 +122,8 @@ impl Bsdf<'_> {
 pub trait Scatter {
     /// See [`Bsdf::eval`].
     fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32);
-    /// See [`Bsdf::sample`].
-    fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample>;
+    /// See [`Bsdf::sample`]. `cosine` is what [`cosine_hemisphere`] makes of `u`.
+    fn sample(&self, wo: Vec3, uc: f32, u: Vec2, cosine: Vec3) -> Option<BsdfSample>;
     /// See [`Bsdf::is_delta`].
     fn is_delta(&self) -> bool;
 }
@@ -134,7 +135,7 @@ impl Scatter for Bsdf<'_> {
     }
 
     #[inline(always)]
-    fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample> {
+    fn sample(&self, wo: Vec3, uc: f32, u: Vec2, _: Vec3) -> Option<BsdfSample> {
         self.sample(wo, uc, u)
     }
 
@@ -151,8 +152,8 @@ impl Scatter for Diffuse {
     }
 
     #[inline(always)]
-    fn sample(&self, wo: Vec3, _: f32, u: Vec2) -> Option<BsdfSample> {
-        self.sample(wo, u)
+    fn sample(&self, wo: Vec3, _: f32, _: Vec2, cosine: Vec3) -> Option<BsdfSample> {
+        self.sample_towards(wo, cosine)
     }
 
     #[inline(always)]

@@ -81,5 +81,6 @@ fn per_solid_angle(pdf_area: f32, towards: Vec3, n: Vec3) -> Option<f32> {
 #[inline(always)]
 fn at_distance(pdf_area: f32, d2: f32, cos_d: f32) -> Option<f32> {
     let pdf = pdf_area * d2 * d2.sqrt() / cos_d;
-    (pdf > 0.0 && pdf.is_finite()).then_some(pdf)
+    // Two comparisons, which NaN fails; asked as `is_finite`, it becomes twenty instructions.
+    (pdf > 0.0 && pdf < f32::INFINITY).then_some(pdf)
 }

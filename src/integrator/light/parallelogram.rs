@@ -24,8 +24,18 @@ pub struct Parallelogram {
     l0: f32,
     l1: f32,
     rectangle: bool,
-    /// From the corner to the centre.
-    half: Vec3,
+    /// What area sampling reads.
+    wide: Wide,
+}
+
+/// Corner, edges, the way from corner to centre and the normal as SIMD registers take them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Wide {
+    corner: Vec3A,
+    e0: Vec3A,
+    e1: Vec3A,
+    half: Vec3A,
+    n: Vec3A,
     /// Square of the longer edge.
     longest2: f32,
     /// Density of area sampling.
@@ -69,8 +79,17 @@ impl Parallelogram {
         let valid = area > 0.0 && area.is_finite() && corner.is_finite() && l0.is_finite() && l1.is_finite();
         valid.then(|| {
             let rectangle = e0.dot(e1).abs() <= RIGHT_ANGLE * l0 * l1;
-            let (half, longest2, pdf_area) = ((e0 + e1) * 0.5, l0.max(l1).powi(2), 1.0 / area);
-            Self { corner, e0, e1, n: cross / area, area, l0, l1, rectangle, half, longest2, pdf_area }
+            let n = cross / area;
+            let wide = Wide {
+                corner: corner.into(),
+                e0: e0.into(),
+                e1: e1.into(),
+                half: ((e0 + e1) * 0.5).into(),
+                n: n.into(),
+                longest2: l0.max(l1).powi(2),
+                pdf_area: 1.0 / area,
+            };
+            Self { corner, e0, e1, n, area, l0, l1, rectangle, wide }
         })
     }
 
@@ -142,18 +161,18 @@ impl Parallelogram {
         if !self.is_small(p) {
             return self.sample_large(p.into(), u).map(WideSample::from);
         }
-        let n = Vec3A::from(self.n);
-        let point = Vec3A::from(self.corner) + Vec3A::from(self.e0) * u.x + Vec3A::from(self.e1) * u.y;
+        let Wide { corner, e0, e1, n, pdf_area, .. } = self.wide;
+        let point = corner + e0 * u.x + e1 * u.y;
         let towards = point - p;
-        let pdf_solid_angle = at_distance(self.pdf_area, towards.length_squared(), n.dot(towards).abs())?;
+        let pdf_solid_angle = at_distance(pdf_area, towards.length_squared(), n.dot(towards).abs())?;
         Some(WideSample { point, n, pdf_solid_angle, b0: u.x, b1: u.y })
     }
 
     /// Whether it is so small or far that area sampling serves.
     #[inline(always)]
     fn is_small(&self, p: Vec3A) -> bool {
-        let centre = Vec3A::from(self.corner) - p + Vec3A::from(self.half);
-        self.longest2 < SMALL * centre.length_squared()
+        let centre = self.wide.corner - p + self.wide.half;
+        self.wide.longest2 < SMALL * centre.length_squared()
     }
 
     #[inline(never)]
@@ -181,7 +200,7 @@ impl Parallelogram {
         let point = self.corner + self.e0 * b.x + self.e1 * b.y;
         let pdf_solid_angle = match pdf {
             Some(pdf) => pdf,
-            None => per_solid_angle(self.pdf_area, point - p, self.n)?,
+            None => per_solid_angle(self.wide.pdf_area, point - p, self.n)?,
         };
         Some(ShapeSample { point, n: self.n, pdf_solid_angle, b0: b.x, b1: b.y })
     }
