@@ -4,12 +4,14 @@
 //! Invariant: geometry `g` of the world (or of an object) in the acceleration structure is
 //! surface `g` (or the object's base + `g`) here.
 
+mod flat;
 mod load;
 pub mod loop_subdivision;
 mod patch;
 mod point;
 mod quadric;
 
+pub use flat::Surfaces;
 pub use load::{Opacity, SceneGeometry, load};
 pub use point::{Needs, SurfacePoint, offset_origin};
 pub use quadric::Quadric;

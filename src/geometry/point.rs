@@ -2,10 +2,11 @@
 //! whose error grows with distance), with a bound on its error, normals, and only those
 //! attributes that the caller needs.
 
-use super::{Mesh, Patches, SceneGeometry, SurfaceShape, vec3};
+use super::flat::{Flat, Surfaces};
+use super::{Mesh, Patches, SurfaceShape, vec3};
 use crate::accel::{Hit, NONE, Ray};
 use crate::math::{Frame, gamma};
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Mat3, Vec2, Vec3, Vec3A};
 
 /// Attributes that a material asks for; bits, so that a surface's needs are one byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -33,17 +34,18 @@ impl Needs {
     }
 }
 
-/// A point on a surface, world space.
+/// A point on a surface, world space. Points and normals that every vertex works with are in SIMD
+/// registers; the roundings are those of scalars.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     /// Position.
-    pub p: Vec3,
+    pub p: Vec3A,
     /// Bound on the distance between `p` and the surface that a ray would meet.
     pub error: f32,
     /// Unit geometric normal, on the side that pbrt's rules give.
-    pub ng: Vec3,
+    pub ng: Vec3A,
     /// Unit shading normal.
-    pub ns: Vec3,
+    pub ns: Vec3A,
     /// Texture coordinates, if needed.
     pub uv: Vec2,
     /// ∂p/∂u, if needed; else zero.
@@ -52,12 +54,23 @@ pub struct SurfacePoint {
     pub uv_rate: f32,
 }
 
+impl SurfacePoint {
+    /// The same, field by field: what a call returned through memory otherwise keeps the commoner points
+    /// it is joined with in memory too.
+    #[inline(always)]
+    fn apart(self) -> Self {
+        let Self { p, error, ng, ns, uv, dpdu, uv_rate } = self;
+        Self { p, error, ng, ns, uv, dpdu, uv_rate }
+    }
+}
+
 /// Moves a ray's origin off its surface along the normal, to the side of `direction`, by the bound
 /// on the errors of the point and of the traversal's plane test (pbrt 4th ed. §6.8.6).
 #[inline(always)]
 #[must_use]
-pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, direction: Vec3) -> Vec3 {
-    let reach = error * (ng.x.abs() + ng.y.abs() + ng.z.abs());
+pub fn offset_origin(p: Vec3A, error: f32, ng: Vec3A, direction: Vec3A) -> Vec3A {
+    let a = ng.abs();
+    let reach = error * (a.x + a.y + a.z);
     p + ng * reach.copysign(ng.dot(direction))
 }
 
@@ -68,20 +81,18 @@ const INTERPOLATION: f32 = gamma(8);
 /// and a dot product.
 const PLANE: f32 = gamma(10);
 
-impl SceneGeometry {
-    /// The point that `hit` names. `ray` is the ray that found it.
+impl Surfaces<'_> {
+    /// The point that `hit` names on `surface`, which is what [`Self::surface_of`] says of it. `ray`
+    /// gives the ray that found it.
     #[inline(always)]
     #[must_use]
-    pub fn surface_point(&self, hit: &Hit, ray: &Ray, needs: Needs) -> SurfacePoint {
-        let surface = &self.surfaces[self.surface_of(hit)];
-        let mut point = match &surface.shape {
-            SurfaceShape::Mesh(mesh) => triangle_point(mesh, hit, needs, surface.flip_normal),
-            other => self.uncommon_point(other, hit, ray, surface.flip_normal),
+    pub fn surface_point(&self, hit: &Hit, surface: usize, ray: impl FnOnce() -> Ray) -> SurfacePoint {
+        let flat = &self.flat[surface];
+        let point = match flat.mesh {
+            Some(mesh) => triangle_point(flat, mesh, hit),
+            None => self.uncommon_point(surface, hit, &ray()).apart(),
         };
-        if hit.instance != NONE {
-            self.place(&mut point, hit.instance);
-        }
-        point
+        if hit.instance == NONE { point } else { self.place(point, hit.instance).apart() }
     }
 
     /// Index of the surface that was hit.
@@ -91,48 +102,55 @@ impl SceneGeometry {
         if hit.instance == NONE {
             hit.geometry as usize
         } else {
-            (self.instances[hit.instance as usize].surface_base + hit.geometry) as usize
+            (self.geometry.instances[hit.instance as usize].surface_base + hit.geometry) as usize
         }
     }
 
     /// Starts loading what [`Self::surface_point`] will read; a hint without effect on results.
     #[inline(always)]
     pub fn prefetch_indices(&self, hit: &Hit) {
-        if hit.geometry != NONE
-            && let SurfaceShape::Mesh(mesh) = &self.surfaces[self.surface_of(hit)].shape
-        {
-            prefetch(&mesh.indices[hit.primitive as usize]);
+        if hit.geometry != NONE {
+            prefetch(self.flat[self.surface_of(hit)].indices, hit.primitive);
         }
     }
 
     /// As [`Self::prefetch_indices`], for the vertices; reads the indices.
     #[inline(always)]
-    pub fn prefetch_vertices(&self, hit: &Hit, needs: Needs) {
-        if hit.geometry != NONE
-            && let SurfaceShape::Mesh(mesh) = &self.surfaces[self.surface_of(hit)].shape
+    pub fn prefetch_vertices(&self, hit: &Hit) {
+        if hit.geometry == NONE {
+            return;
+        }
+        let flat = &self.flat[self.surface_of(hit)];
+        // Other shapes than triangles have no indices.
+        let Some(&corners) = flat.indices.get(hit.primitive as usize) else { return };
+        for i in corners {
+            prefetch(flat.positions, i);
+        }
+        if !flat.normals.is_empty() {
+            for i in corners {
+                prefetch(flat.normals, i);
+            }
+        }
+        if flat.needs.has(Needs::UV)
+            && let Some(mesh) = flat.mesh
         {
-            for i in mesh.indices[hit.primitive as usize] {
-                prefetch(&mesh.positions[i as usize]);
-                if needs.has(Needs::UV) && !mesh.uvs.is_empty() {
-                    prefetch(&mesh.uvs[i as usize]);
-                }
-                if !mesh.normals.is_empty() {
-                    prefetch(&mesh.normals[i as usize]);
-                }
+            for i in corners {
+                prefetch(&mesh.uvs, i);
             }
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn uncommon_point(&self, shape: &SurfaceShape, hit: &Hit, ray: &Ray, flip: bool) -> SurfacePoint {
-        let sign = if flip { -1.0 } else { 1.0 };
-        match shape {
+    fn uncommon_point(&self, surface: usize, hit: &Hit, ray: &Ray) -> SurfacePoint {
+        let surface = &self.geometry.surfaces[surface];
+        let sign = if surface.flip_normal { -1.0 } else { 1.0 };
+        match &surface.shape {
             SurfaceShape::Patches(patches) => patch_point(patches, hit, sign),
             SurfaceShape::Quadric(q) => {
                 let (mut o, mut d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
                 if hit.instance != NONE {
-                    let inverse = &self.instances[hit.instance as usize].to_world.inv;
+                    let inverse = &self.geometry.instances[hit.instance as usize].to_world.inv;
                     o = inverse.transform_point3(o);
                     d = inverse.transform_vector3(d);
                 }
@@ -141,11 +159,11 @@ impl SceneGeometry {
                 let ng = at.n.as_vec3() * sign;
                 let stretch = at.dpdu.cross(at.dpdv).length();
                 SurfacePoint {
-                    p,
+                    p: p.into(),
                     // p is rounded once from f64; traversal meets the quadric in f64 and rounds t.
                     error: gamma(4) * max_abs(p) + gamma(2) * hit.t.abs() * max_abs(ray.direction),
-                    ng,
-                    ns: ng,
+                    ng: ng.into(),
+                    ns: ng.into(),
                     uv: at.uv.as_vec2(),
                     dpdu: at.dpdu.as_vec3(),
                     uv_rate: if stretch > 0.0 { (1.0 / stretch).sqrt() as f32 } else { 0.0 },
@@ -157,25 +175,27 @@ impl SceneGeometry {
 
     /// From an instance's space to the world.
     #[inline(never)]
-    fn place(&self, point: &mut SurfacePoint, instance: u32) {
-        let t = &self.instances[instance as usize].to_world;
+    fn place(&self, mut point: SurfacePoint, instance: u32) -> SurfacePoint {
+        let t = &self.geometry.instances[instance as usize].to_world;
         let scale = Mat3::from_mat4(t.m.as_mat4());
-        let before = point.p;
-        point.p = t.m.transform_point3(before.as_dvec3()).as_vec3();
+        let before = Vec3::from(point.p);
+        let p = t.m.transform_point3(before.as_dvec3()).as_vec3();
+        point.p = p.into();
         // The object-space bound, stretched by the largest column sum, and the rounding of the
         // transform that the traversal applies to the ray.
         let stretch = scale.x_axis.abs() + scale.y_axis.abs() + scale.z_axis.abs();
-        point.error = point.error * max_abs(stretch)
-            + gamma(4) * (max_abs(point.p) + max_abs(stretch) * max_abs(before));
+        point.error =
+            point.error * max_abs(stretch) + gamma(4) * (max_abs(p) + max_abs(stretch) * max_abs(before));
         // How the transform stretches areas of the surface: |det M| · |M⁻ᵀ n| (Nanson).
-        let normal = t.normal(point.ng);
+        let normal = t.normal(point.ng.into());
         let area = scale.determinant().abs() * normal.length();
         if area > 0.0 {
             point.uv_rate /= area.sqrt();
         }
-        point.ng = normal.normalize_or_zero();
-        point.ns = t.normal(point.ns).normalize_or_zero();
+        point.ng = normal.normalize_or_zero().into();
+        point.ns = t.normal(point.ns.into()).normalize_or_zero().into();
         point.dpdu = t.vector(point.dpdu);
+        point
     }
 }
 
@@ -185,9 +205,9 @@ fn max_abs(v: Vec3) -> f32 {
 }
 
 #[inline(always)]
-fn triangle_point(mesh: &Mesh, hit: &Hit, needs: Needs, flip: bool) -> SurfacePoint {
-    let [i0, i1, i2] = mesh.indices[hit.primitive as usize].map(|i| i as usize);
-    let (p0, p1, p2) = (vec3(mesh.positions[i0]), vec3(mesh.positions[i1]), vec3(mesh.positions[i2]));
+fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
+    let corners = flat.indices[hit.primitive as usize].map(|i| i as usize);
+    let [p0, p1, p2] = corners.map(|i| Vec3A::from_array(flat.positions[i]));
     let (b1, b2) = (hit.u, hit.v);
     let b0 = 1.0 - b1 - b2;
     let p = p0 * b0 + p1 * b1 + p2 * b2;
@@ -195,14 +215,15 @@ fn triangle_point(mesh: &Mesh, hit: &Hit, needs: Needs, flip: bool) -> SurfacePo
     let cross = e1.cross(e2);
     let area2 = cross.length();
     let mut ng = cross / area2;
-    if flip {
+    if flat.flip {
         ng = -ng;
     }
     let magnitude = p0.abs().max(p1.abs()).max(p2.abs());
     let error = INTERPOLATION * magnitude.max_element() + PLANE * e1.abs().max(e2.abs()).max_element();
     let mut ns = ng;
-    if !mesh.normals.is_empty() {
-        let n = vec3(mesh.normals[i0]) * b0 + vec3(mesh.normals[i1]) * b1 + vec3(mesh.normals[i2]) * b2;
+    if !flat.normals.is_empty() {
+        let [n0, n1, n2] = corners.map(|i| Vec3A::from_array(flat.normals[i]));
+        let n = n0 * b0 + n1 * b1 + n2 * b2;
         let l2 = n.length_squared();
         if l2 > 0.0 {
             ns = n / l2.sqrt();
@@ -212,30 +233,45 @@ fn triangle_point(mesh: &Mesh, hit: &Hit, needs: Needs, flip: bool) -> SurfacePo
         }
     }
     let mut point = SurfacePoint { p, error, ng, ns, uv: Vec2::new(b1, b2), dpdu: Vec3::ZERO, uv_rate: 0.0 };
-    if needs != Needs::default() {
-        let (uv0, uv1, uv2) = if mesh.uvs.is_empty() {
-            // pbrt's default coordinates.
-            (Vec2::ZERO, Vec2::new(1.0, 0.0), Vec2::ONE)
-        } else {
-            (Vec2::from(mesh.uvs[i0]), Vec2::from(mesh.uvs[i1]), Vec2::from(mesh.uvs[i2]))
-        };
-        point.uv = uv0 * b0 + uv1 * b1 + uv2 * b2;
-        let (d1, d2) = (uv1 - uv0, uv2 - uv0);
-        let determinant = d1.perp_dot(d2);
-        if needs.has(Needs::FOOTPRINT) {
-            point.uv_rate = (determinant.abs() / area2).sqrt();
-        }
-        if needs.has(Needs::TANGENT) {
-            let given = (!mesh.tangents.is_empty()).then(|| {
-                vec3(mesh.tangents[i0]) * b0 + vec3(mesh.tangents[i1]) * b1 + vec3(mesh.tangents[i2]) * b2
-            });
-            point.dpdu = given.filter(|s| s.length_squared() > 0.0).unwrap_or_else(|| {
-                let t = (e1 * d2.y - e2 * d1.y) / determinant;
-                if t.is_finite() { t } else { Frame::from_z(ng).x }
-            });
-        }
+    if flat.needs != Needs::default() {
+        let edges = [e1.into(), e2.into()];
+        add_attributes(&mut point, mesh, corners, [b0, b1, b2], edges, area2, flat.needs);
     }
     point
+}
+
+/// Texture coordinates and what follows from them. `edges` lead from the first corner to the others.
+#[inline(always)]
+fn add_attributes(
+    point: &mut SurfacePoint,
+    mesh: &Mesh,
+    [i0, i1, i2]: [usize; 3],
+    [b0, b1, b2]: [f32; 3],
+    [e1, e2]: [Vec3; 2],
+    area2: f32,
+    needs: Needs,
+) {
+    let (uv0, uv1, uv2) = if mesh.uvs.is_empty() {
+        // pbrt's default coordinates.
+        (Vec2::ZERO, Vec2::new(1.0, 0.0), Vec2::ONE)
+    } else {
+        (Vec2::from(mesh.uvs[i0]), Vec2::from(mesh.uvs[i1]), Vec2::from(mesh.uvs[i2]))
+    };
+    point.uv = uv0 * b0 + uv1 * b1 + uv2 * b2;
+    let (d1, d2) = (uv1 - uv0, uv2 - uv0);
+    let determinant = d1.perp_dot(d2);
+    if needs.has(Needs::FOOTPRINT) {
+        point.uv_rate = (determinant.abs() / area2).sqrt();
+    }
+    if needs.has(Needs::TANGENT) {
+        let given = (!mesh.tangents.is_empty()).then(|| {
+            vec3(mesh.tangents[i0]) * b0 + vec3(mesh.tangents[i1]) * b1 + vec3(mesh.tangents[i2]) * b2
+        });
+        point.dpdu = given.filter(|s| s.length_squared() > 0.0).unwrap_or_else(|| {
+            let t = (e1 * d2.y - e2 * d1.y) / determinant;
+            if t.is_finite() { t } else { Frame::from_z(point.ng.into()).x }
+        });
+    }
 }
 
 fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
@@ -271,30 +307,28 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
     }
     let (lo, hi) = patches.bounds(hit.primitive);
     SurfacePoint {
-        p: p.as_vec3(),
+        p: p.as_vec3().into(),
         // u and v are rounded to f32: the point slides on the patch by an ulp of its extent, and
         // p is rounded once.
         error: gamma(4) * max_abs(lo.abs().max(hi.abs())) + gamma(4) * max_abs(hi - lo),
-        ng,
-        ns,
+        ng: ng.into(),
+        ns: ns.into(),
         uv,
         dpdu: dpdu32,
         uv_rate: (uv_area / (cross.length() as f32)).sqrt(),
     }
 }
 
-/// A prefetch into all cache levels where the target has one.
+/// A prefetch of element `i` into all cache levels where the target has one. Whether the element is
+/// there does not matter.
 #[inline(always)]
-fn prefetch<T>(at: &T) {
+fn prefetch<T>(slice: &[T], i: u32) {
     #[cfg(target_arch = "x86_64")]
     {
+        let at = slice.as_ptr().wrapping_add(i as usize).cast::<i8>();
         // SAFETY: prefetching is a hint and valid for any address.
-        unsafe {
-            std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(
-                std::ptr::from_ref(at).cast::<i8>(),
-            );
-        }
+        unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(at) };
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = at;
+    let _ = (slice, i);
 }

@@ -16,11 +16,11 @@ use crate::integrator::light::parallelogram::Parallelogram;
 use crate::integrator::light::patch::Patch;
 use crate::integrator::light::sphere::Sphere;
 use crate::integrator::light::tree::LightTree;
-use crate::integrator::light::{ShapeSample, triangle};
+use crate::integrator::light::{WideSample, triangle};
 use crate::math::gamma;
 use crate::scene::{Channels, ImageId, TextureFilter, TextureId, Wrap};
 use crate::texture::{Footprint, Sampler, TextureCoordinates, Textures};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec3A};
 use std::sync::Arc;
 
 /// A surface that emits.
@@ -91,7 +91,7 @@ pub(super) enum Infinite {
 /// A direction towards a light.
 pub struct LightSample {
     /// Unit direction.
-    pub wi: Vec3,
+    pub wi: Vec3A,
     /// Radiance along it (for delta lights the irradiance of a facing surface).
     pub radiance: Rgb,
     /// Density [1/sr] with the choice of the light included; for delta lights the choice alone.
@@ -105,23 +105,29 @@ pub struct LightSample {
 enum Target {
     Infinity,
     /// A point without a surface.
-    Point(Vec3),
-    /// A point of a surface, the bound on its error and its normal.
-    Surface(Vec3, f32, Vec3),
+    Point(Vec3A),
+    /// A point of a surface and its normal.
+    Surface(Vec3A, Vec3A),
 }
 
 impl LightSample {
-    /// The shadow ray from a surface point; ends just before the light.
+    /// The shadow ray from the surface point `p` that the light was sampled from, known to `error`;
+    /// ends just before the light.
     #[inline(always)]
     #[must_use]
-    pub fn ray_from(&self, p: Vec3, error: f32, ng: Vec3) -> Ray {
+    pub fn ray_from(&self, p: Vec3A, error: f32, ng: Vec3A) -> Ray {
         let origin = offset_origin(p, error, ng, self.wi);
         let end = match self.target {
-            Target::Infinity => return Ray::new(origin, self.wi),
+            Target::Infinity => return Ray::new(origin.into(), self.wi.into()),
             Target::Point(target) => target,
-            Target::Surface(target, error, n) => offset_origin(target, error, n, -self.wi),
+            Target::Surface(target, n) => {
+                // For a sphere or cylinder the rounding scales with the shape as well; both are
+                // within the largest coordinate unless the shape surrounds the origin.
+                let error = LIGHT_POINT * (target.abs().max_element() + (target - p).abs().max_element());
+                offset_origin(target, error, n, -self.wi)
+            }
         };
-        Ray { origin, direction: end - origin, t_min: 0.0, t_max: 1.0 }
+        Ray { origin: origin.into(), direction: (end - origin).into(), t_min: 0.0, t_max: 1.0 }
     }
 }
 
@@ -213,7 +219,7 @@ impl Lights {
     /// Samples a light from `p`; `u` are four numbers of one set.
     #[inline(always)]
     #[must_use]
-    pub fn sample(&self, p: Vec3, u: [f32; 4]) -> Option<LightSample> {
+    pub fn sample(&self, p: Vec3A, u: [f32; 4]) -> Option<LightSample> {
         let square = Vec2::new(u[0], u[1]);
         if self.single {
             return self.sample_bounded(p, 0, 1.0, square);
@@ -225,7 +231,7 @@ impl Lights {
         let share = 1.0 - self.choose_infinite;
         // Dividing can round up to 1, which is not in [0, 1).
         let remapped = ((choice - self.choose_infinite) / share).min(1.0 - f32::EPSILON / 2.0);
-        let (light, pmf) = self.tree.as_ref()?.sample(p, Vec3::ZERO, remapped)?;
+        let (light, pmf) = self.tree.as_ref()?.sample(p.into(), Vec3::ZERO, remapped)?;
         self.sample_bounded(p, light, pmf * share, square)
     }
 
@@ -236,7 +242,7 @@ impl Lights {
         let pmf = self.pdf_infinite();
         Some(match &self.infinite[chosen] {
             Infinite::Distant { irradiance, towards } => LightSample {
-                wi: *towards,
+                wi: (*towards).into(),
                 radiance: *irradiance,
                 pdf: pmf,
                 delta: true,
@@ -245,7 +251,7 @@ impl Lights {
             Infinite::Image { map, scale } => {
                 let s = map.sample(u)?;
                 LightSample {
-                    wi: s.wi,
+                    wi: s.wi.into(),
                     radiance: s.radiance * *scale,
                     pdf: s.pdf * pmf,
                     delta: false,
@@ -256,18 +262,20 @@ impl Lights {
     }
 
     #[inline(always)]
-    fn sample_bounded(&self, p: Vec3, light: usize, pmf: f32, u: Vec2) -> Option<LightSample> {
+    fn sample_bounded(&self, from: Vec3A, light: usize, pmf: f32, u: Vec2) -> Option<LightSample> {
         let bounded = &self.bounded[light];
-        let s: ShapeSample = match &bounded.place {
-            Place::Parallelogram(q) => q.sample(p, u)?,
-            Place::Triangle([a, b, c]) => triangle::sample(p, *a, *b, *c, u)?,
-            Place::Patch(s) => s.sample(p, u)?,
-            Place::Sphere(s) => s.sample(p, u)?,
-            Place::Disk(s) => s.sample(p, u)?,
-            Place::Cylinder(s) => s.sample(p, u)?,
+        let p = Vec3::from(from);
+        let s: WideSample = match &bounded.place {
+            Place::Parallelogram(q) => q.sample_wide(from, u)?,
+            Place::Triangle([a, b, c]) => triangle::sample(p, *a, *b, *c, u)?.into(),
+            Place::Patch(s) => s.sample(p, u)?.into(),
+            Place::Sphere(s) => s.sample(p, u)?.into(),
+            Place::Disk(s) => s.sample(p, u)?.into(),
+            Place::Cylinder(s) => s.sample(p, u)?.into(),
             Place::Delta(d) => return sample_delta(d, p, pmf),
         };
-        let wi = (s.point - p).normalize();
+        let towards = s.point - from;
+        let wi = towards * towards.length_recip();
         let emitter = &self.emitters[bounded.emitter as usize];
         let faces = (s.n.dot(wi) < 0.0) != bounded.flip;
         if !faces && !emitter.two_sided {
@@ -282,25 +290,27 @@ impl Lights {
             Opacity::Solid => {}
             Opacity::Hidden => delta = true,
             Opacity::Texture(alpha) => {
-                let at = TextureCoordinates { uv: self.uv_of(light, &s), p: s.point, n: s.n, width: 0.0 };
+                let at = TextureCoordinates {
+                    uv: self.uv_of(light, &s),
+                    p: s.point.into(),
+                    n: s.n.into(),
+                    width: 0.0,
+                };
                 radiance *= self.textures.eval(alpha, &at).x.clamp(0.0, 1.0);
             }
         }
-        // For a sphere or cylinder the rounding scales with the shape as well; both are within
-        // the largest coordinate unless the shape surrounds the origin.
-        let error = LIGHT_POINT * (s.point.abs().max_element() + (s.point - p).abs().max_element());
         Some(LightSample {
             wi,
             radiance,
             pdf: s.pdf_solid_angle * pmf,
             delta,
-            target: Target::Surface(s.point, error, s.n),
+            target: Target::Surface(s.point, s.n),
         })
     }
 
     /// Texture coordinates of a sampled point: quadrics name their own; triangles and patches with an
     /// image or a mask are never merged, and keep the mesh's.
-    fn uv_of(&self, light: usize, s: &ShapeSample) -> Vec2 {
+    fn uv_of(&self, light: usize, s: &WideSample) -> Vec2 {
         match &self.bounded[light].place {
             Place::Triangle(_) => {
                 let [a, b, c, _] =
@@ -340,9 +350,9 @@ impl Lights {
             Place::Parallelogram(q) => q.pdf(p, distance, cos),
             Place::Triangle([a, b, c]) => triangle::pdf(p, *a, *b, *c, distance, cos),
             Place::Patch(s) => s.pdf(p, parameters),
-            Place::Sphere(s) => s.pdf(p, point.p),
-            Place::Disk(s) => s.pdf(p, point.p),
-            Place::Cylinder(s) => s.pdf(p, point.p),
+            Place::Sphere(s) => s.pdf(p, point.p.into()),
+            Place::Disk(s) => s.pdf(p, point.p.into()),
+            Place::Cylinder(s) => s.pdf(p, point.p.into()),
             Place::Delta(_) => 0.0,
         };
         if self.single {
@@ -355,8 +365,9 @@ impl Lights {
 
 fn sample_delta(light: &DeltaLight, p: Vec3, pmf: f32) -> Option<LightSample> {
     let s = light.sample(p)?;
-    let target = if s.distance.is_finite() { Target::Point(p + s.wi * s.distance) } else { Target::Infinity };
-    Some(LightSample { wi: s.wi, radiance: s.irradiance, pdf: pmf, delta: true, target })
+    let end = p + s.wi * s.distance;
+    let target = if s.distance.is_finite() { Target::Point(end.into()) } else { Target::Infinity };
+    Some(LightSample { wi: s.wi.into(), radiance: s.irradiance, pdf: pmf, delta: true, target })
 }
 
 /// Veach's power heuristic with exponent 2, in a form whose squares cannot overflow.

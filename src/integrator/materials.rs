@@ -31,8 +31,10 @@ impl MaterialTables {
 }
 
 enum Compiled<'a> {
-    /// All parameters are constant.
-    Ready(Bsdf<'a>),
+    /// The commonest material, its reflectance constant.
+    Diffuse(Diffuse),
+    /// All parameters are constant. Boxed, so that telling a plain material costs one comparison.
+    Ready(Box<Bsdf<'a>>),
     /// The commonest textured material.
     TexturedDiffuse(TextureId),
     /// Whatever else has textures.
@@ -43,6 +45,27 @@ enum Compiled<'a> {
         amount: TextureId,
     },
     Interface,
+}
+
+/// What a material does with light at a point.
+pub enum Scattering<'a> {
+    /// Lambertian reflection, worth a way of its own through shading.
+    Diffuse(Diffuse),
+    /// Any other scattering function.
+    Other(Bsdf<'a>),
+    /// Nothing: an interface.
+    Passes,
+}
+
+impl<'a> From<Option<Bsdf<'a>>> for Scattering<'a> {
+    #[inline(always)]
+    fn from(bsdf: Option<Bsdf<'a>>) -> Self {
+        match bsdf {
+            Some(Bsdf::Diffuse(d)) => Self::Diffuse(d),
+            Some(other) => Self::Other(other),
+            None => Self::Passes,
+        }
+    }
 }
 
 /// The materials of a scene by id.
@@ -83,24 +106,31 @@ impl<'a> Materials<'a> {
         self.may_pass[material as usize]
     }
 
-    /// The scattering function at a point; `None` for an interface. `key` decides between mixed
-    /// materials and is the same for whoever asks about one path vertex.
+    /// The scattering function at a point. `key` decides between mixed materials and is the same for
+    /// whoever asks about one path vertex. Both are asked for only where the material needs them.
     #[inline(always)]
     #[must_use]
-    pub fn bsdf(&self, material: u32, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
+    pub fn scattering(
+        &self,
+        material: u32,
+        at: impl FnOnce() -> TextureCoordinates,
+        key: impl FnOnce() -> u32,
+    ) -> Scattering<'a> {
         match &self.compiled[material as usize] {
-            Compiled::Ready(b) => Some(*b),
+            Compiled::Diffuse(d) => Scattering::Diffuse(*d),
             Compiled::TexturedDiffuse(t) => {
-                Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at)))))
+                Scattering::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, &at()))))
             }
-            other => self.uncommon(other, at, key),
+            Compiled::Ready(b) => Scattering::Other(**b),
+            other => self.uncommon(other, &at(), key()).into(),
         }
     }
 
     #[inline(never)]
     fn uncommon(&self, compiled: &Compiled<'a>, at: &TextureCoordinates, key: u32) -> Option<Bsdf<'a>> {
         match compiled {
-            Compiled::Ready(b) => Some(*b),
+            Compiled::Diffuse(d) => Some(Bsdf::Diffuse(*d)),
+            Compiled::Ready(b) => Some(**b),
             Compiled::TexturedDiffuse(t) => {
                 Some(Bsdf::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, at)))))
             }
@@ -154,7 +184,11 @@ fn compile<'a>(m: &'a Material, textures: &'a Textures, tables: Option<&'a Coate
     }
     if m.textures().iter().all(|t| textures.constant(*t).is_some()) {
         let value = |t: TextureId| textures.constant(t).expect("all textures of this material are constant");
-        return evaluate(m, tables, &value).map_or(Compiled::Interface, Compiled::Ready);
+        return match evaluate(m, tables, &value).into() {
+            Scattering::Diffuse(d) => Compiled::Diffuse(d),
+            Scattering::Other(b) => Compiled::Ready(Box::new(b)),
+            Scattering::Passes => Compiled::Interface,
+        };
     }
     match m {
         Material::Diffuse { reflectance } => Compiled::TexturedDiffuse(*reflectance),

@@ -2,40 +2,44 @@
 //! media. Homogeneous and absorbing; what scatters in them is not simulated (the reader warns).
 //! Costs nothing where a scene has neither.
 
-use super::path::{Path, Shadow, SurfaceShading, World};
+use super::materials::Scattering;
+use super::path::{Path, Shadow, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
 use crate::geometry::{SurfacePoint, offset_origin};
 use crate::scene::{MediumId, MediumInterface};
 use crate::stats::Counters;
-use glam::Vec3;
+use glam::Vec3A;
 
 impl<A: Accel> World<'_, A> {
     /// Continues through surfaces that do not scatter. Each stands for one more ray.
     #[cold]
     pub(super) fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
         while hit.geometry != NONE {
-            let shading = &self.shading[self.geometry.surface_of(hit)];
+            let surface = self.geometry.surface_of(hit);
             let ray = Ray::new(path.origin, path.direction);
-            let key = path.key ^ path.sample;
-            let Some(point) = self.passed(shading, hit, &ray, key) else { return };
+            let Some(point) = self.passed(surface, hit, &ray, path.choice_key()) else { return };
+            let shading = &self.shading[surface];
             path.beta *= self.transmittance(path.medium, hit.t);
-            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
+            let direction = path.direction.into();
+            path.medium = cross(shading.medium, point.ng, direction, path.medium);
             path.travelled += hit.t;
-            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
+            path.origin = offset_origin(point.p, point.error, point.ng, direction).into();
             counters.closest += 1;
             *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
         }
     }
 
     /// The point at which a ray passes a surface without scattering; `None` where it does not.
-    fn passed(&self, shading: &SurfaceShading, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
+    fn passed(&self, surface: usize, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
+        let shading = &self.shading[surface];
         if !shading.may_pass || shading.emitter != NONE {
             return None;
         }
-        let point = self.geometry.surface_point(hit, ray, shading.needs);
-        let at = self.coordinates(&point, shading.needs);
-        self.materials.bsdf(shading.material, &at, key).is_none().then_some(point)
+        let point = self.geometry.surface_point(hit, surface, || *ray);
+        let at = || self.coordinates(&point, shading.needs);
+        let scattering = self.materials.scattering(shading.material, at, || key);
+        matches!(scattering, Scattering::Passes).then_some(point)
     }
 
     /// Beer's law over a distance in a medium.
@@ -62,12 +66,14 @@ impl<A: Accel> World<'_, A> {
             if hit.geometry == NONE {
                 return through * self.transmittance(medium, ray.t_max * length);
             }
-            let shading = &self.shading[self.geometry.surface_of(&hit)];
+            let surface = self.geometry.surface_of(&hit);
             // A mix decides by the point alone here: a shadow ray is nobody's path.
-            let Some(point) = self.passed(shading, &hit, &ray, 0) else { return Rgb::ZERO };
+            let Some(point) = self.passed(surface, &hit, &ray, 0) else { return Rgb::ZERO };
+            let shading = &self.shading[surface];
             through *= self.transmittance(medium, hit.t * length);
-            medium = cross(shading.medium, point.ng, ray.direction, medium);
-            let origin = offset_origin(point.p, point.error, point.ng, ray.direction);
+            let direction = ray.direction.into();
+            medium = cross(shading.medium, point.ng, direction, medium);
+            let origin = offset_origin(point.p, point.error, point.ng, direction).into();
             if ray.t_max.is_finite() {
                 ray.direction = ray.origin + ray.direction - origin;
             }
@@ -78,7 +84,7 @@ impl<A: Accel> World<'_, A> {
 
 /// The medium behind a surface in direction `w`.
 #[inline(always)]
-pub(super) fn cross(interface: Option<MediumInterface>, ng: Vec3, w: Vec3, current: u32) -> u32 {
+pub(super) fn cross(interface: Option<MediumInterface>, ng: Vec3A, w: Vec3A, current: u32) -> u32 {
     match interface {
         None => current,
         Some(m) => medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside }),

@@ -2,6 +2,7 @@
 
 pub mod bsdf;
 pub mod camera;
+mod draws;
 pub mod light;
 pub mod lights;
 pub mod lights_build;
@@ -9,3 +10,4 @@ pub mod materials;
 mod media;
 pub mod path;
 pub mod sampler;
+mod shade;

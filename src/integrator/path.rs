@@ -1,24 +1,23 @@
-//! One step of a path: hits become radiance, shadow rays and next rays. A path is a plain record
-//! that can be put down and taken up; steps run over slices of them, so that a scheduler may
-//! decide which paths come together. Never waits for I/O, and does not know who called it.
+//! Runs paths to their end, one edge of all at a time: finds what they meet, has it shaded (`shade.rs`)
+//! and connects light samples. A path is a plain record that can be put down and taken up; steps run
+//! over slices of them, so that a scheduler may decide which paths come together. Never waits for I/O,
+//! and does not know who called it.
 //!
-//! Next-event estimation and multiple importance sampling with the power heuristic (Veach 1997);
-//! pbrt-v4's depth and roulette rules (4th ed., §13.4).
+//! Depth counts scattering events, as in pbrt-v4 (4th ed., §13.4).
 
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::geometry::{Needs, SceneGeometry, SurfacePoint, offset_origin};
+use crate::geometry::{Needs, Surfaces};
 use crate::integrator::camera::Camera;
-use crate::integrator::lights::{Emitter, Lights, NO_LIGHT, power_heuristic};
+use crate::integrator::lights::Lights;
 use crate::integrator::materials::Materials;
-use crate::integrator::media::{cross, medium_index};
-use crate::integrator::sampler::sample8;
-use crate::math::Frame;
+use crate::integrator::media::medium_index;
+use crate::integrator::sampler::Set;
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
 use crate::stats::Counters;
-use crate::texture::TextureCoordinates;
 use glam::{Vec2, Vec3};
+use std::ops::Range;
 
 /// What shading needs to know of a surface; 32 bytes, two a cache line.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +41,7 @@ pub struct World<'a, A> {
     /// Traversal of emitting surfaces alone (world geometry ids), if that is worth having.
     pub emitters_only: Option<&'a A>,
     /// Surfaces.
-    pub geometry: &'a SceneGeometry,
+    pub geometry: Surfaces<'a>,
     /// By surface.
     pub shading: Vec<SurfaceShading>,
     /// Materials.
@@ -86,7 +85,7 @@ pub struct Path {
     pub travelled: f32,
     /// Key of the pixel.
     pub key: u32,
-    /// Sample number.
+    /// Sample number with its bits reversed, as [`SetPair`](super::sampler::SetPair) takes it.
     pub sample: u32,
     /// Where its radiance is summed.
     pub slot: u32,
@@ -112,10 +111,10 @@ pub struct Shadow {
 pub struct Wave {
     /// Paths alive.
     pub paths: Vec<Path>,
-    /// What each path's ray met.
-    hits: Vec<Hit>,
+    /// What each path's ray met; those beyond the paths alive mean nothing.
+    pub(super) hits: Vec<Hit>,
     /// Shadow rays of one step.
-    shadows: Vec<Shadow>,
+    pub(super) shadows: Vec<Shadow>,
     /// Radiance by slot.
     pub radiance: Vec<Rgb>,
 }
@@ -130,27 +129,69 @@ fn has_avx2() -> bool {
 /// Path edges between two looks at whether to stop: some tens of milliseconds for a wave.
 const STOP_EVERY: u32 = 64;
 
-/// How far ahead of shading memory is asked for: indices first, then what they name.
-const PREFETCH_INDICES: usize = 12;
-const PREFETCH_VERTICES: usize = 6;
-
 impl<'a, A: Accel> World<'a, A> {
-    /// A camera path for the raster position `raster` (pixels).
+    /// Adds camera paths to `wave`: samples `samples` of the pixel with centre `centre` and key `key`.
+    /// `filter` draws a sample's place around the centre and its weight, which goes to `weights`.
+    pub fn start(
+        &self,
+        wave: &mut Wave,
+        weights: &mut Vec<f32>,
+        pixel: (Vec2, u32),
+        samples: Range<u32>,
+        filter: impl Fn(Vec2) -> (Vec2, f32),
+    ) {
+        #[cfg(target_arch = "x86_64")]
+        if has_avx2() {
+            // SAFETY: the processor has been found to have every feature it is compiled for.
+            return unsafe { self.start_avx2(wave, weights, pixel, samples, filter) };
+        }
+        self.start_here(wave, weights, pixel, samples, filter);
+    }
+
+    /// [`Self::start_here`] as [`Self::run_avx2`] is [`Self::run_here`].
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    fn start_avx2(
+        &self,
+        wave: &mut Wave,
+        weights: &mut Vec<f32>,
+        pixel: (Vec2, u32),
+        samples: Range<u32>,
+        filter: impl Fn(Vec2) -> (Vec2, f32),
+    ) {
+        self.start_here(wave, weights, pixel, samples, filter);
+    }
+
     #[inline(always)]
-    #[must_use]
-    pub fn camera_path(&self, raster: Vec2, lens: Vec2, key: u32, sample: u32, slot: u32) -> Path {
-        let ray = self.camera.ray(raster, lens).ray;
-        Path {
-            origin: ray.origin,
-            direction: ray.direction,
-            beta: Rgb::ONE,
-            pdf: 0.0,
-            eta_scale: 1.0,
-            travelled: 0.0,
-            key,
-            sample,
-            slot,
-            medium: medium_index(self.camera_medium),
+    fn start_here(
+        &self,
+        wave: &mut Wave,
+        weights: &mut Vec<f32>,
+        (centre, key): (Vec2, u32),
+        samples: Range<u32>,
+        filter: impl Fn(Vec2) -> (Vec2, f32),
+    ) {
+        let set = Set::new(key, 0);
+        let medium = medium_index(self.camera_medium);
+        for sample in samples {
+            let sample = sample.reverse_bits();
+            let u = set.sample(sample);
+            let (offset, weight) = filter(Vec2::new(u[0], u[1]));
+            weights.push(weight);
+            let ray = self.camera.ray(centre + offset, Vec2::new(u[2], u[3])).ray;
+            let slot = wave.paths.len() as u32;
+            wave.paths.push(Path {
+                origin: ray.origin,
+                direction: ray.direction,
+                beta: Rgb::ONE,
+                pdf: 0.0,
+                eta_scale: 1.0,
+                travelled: 0.0,
+                key,
+                sample,
+                slot,
+                medium,
+            });
         }
     }
 
@@ -178,6 +219,7 @@ impl<'a, A: Accel> World<'a, A> {
         let count = wave.paths.len();
         wave.radiance.clear();
         wave.radiance.resize(count, Rgb::ZERO);
+        wave.hits.resize(count, Hit::MISS);
         for depth in 0..=self.max_depth {
             if wave.paths.is_empty() {
                 break;
@@ -201,186 +243,16 @@ impl<'a, A: Accel> World<'a, A> {
     /// Finds what every path's ray meets, passing interfaces.
     #[inline(always)]
     fn trace(&self, wave: &mut Wave, counters: &mut Counters) {
-        wave.hits.clear();
-        counters.closest += wave.paths.len() as u64;
-        for path in &mut wave.paths {
-            let hit = self.accel.closest(&Ray::new(path.origin, path.direction));
-            wave.hits.push(hit);
+        let hits = &mut wave.hits[..wave.paths.len()];
+        counters.closest += hits.len() as u64;
+        for (path, hit) in wave.paths.iter().zip(&mut *hits) {
+            *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
         }
         if self.has_interfaces {
-            for (path, hit) in wave.paths.iter_mut().zip(&mut wave.hits) {
+            for (path, hit) in wave.paths.iter_mut().zip(hits) {
                 self.pass_interfaces(path, hit, counters);
             }
         }
-    }
-
-    /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
-    #[inline(always)]
-    fn shade(&self, wave: &mut Wave, depth: u32) {
-        wave.shadows.clear();
-        self.materials.textures().store().set_depth(depth);
-        let mut kept = 0;
-        for i in 0..wave.paths.len() {
-            if let Some(hit) = wave.hits.get(i + PREFETCH_INDICES) {
-                self.geometry.prefetch_indices(hit);
-            }
-            if let Some(hit) = wave.hits.get(i + PREFETCH_VERTICES)
-                && hit.geometry != NONE
-            {
-                let needs = self.shading[self.geometry.surface_of(hit)].needs;
-                self.geometry.prefetch_vertices(hit, needs);
-            }
-            let mut path = wave.paths[i];
-            let radiance = &mut wave.radiance[path.slot as usize];
-            let alive = self.shade_one(&mut path, &wave.hits[i], depth, radiance, &mut wave.shadows);
-            // Written without a branch on the outcome: the next path overwrites a dead one.
-            wave.paths[kept] = path;
-            kept += usize::from(alive);
-        }
-        wave.paths.truncate(kept);
-    }
-
-    /// Radiance from where no surface is.
-    #[inline(always)]
-    fn add_background(&self, path: &Path, radiance: &mut Rgb) {
-        // A medium without end absorbs what comes from infinitely far.
-        let beta = path.beta * self.transmittance(path.medium, f32::INFINITY);
-        *radiance += beta * self.lights.background(path.direction, path.pdf);
-    }
-
-    /// Emission of a surface towards the path, weighted against light sampling.
-    #[inline(always)]
-    fn add_emission(
-        &self,
-        path: &Path,
-        hit: &Hit,
-        point: &SurfacePoint,
-        emitter: &Emitter,
-        radiance: &mut Rgb,
-    ) {
-        let cos = -path.direction.dot(point.ng);
-        if cos <= 0.0 && !emitter.two_sided {
-            return;
-        }
-        let light = emitter.light_of(hit.primitive);
-        if light == NO_LIGHT {
-            return;
-        }
-        let mut weight = 1.0;
-        if path.pdf > 0.0 {
-            let distance = path.travelled + hit.t;
-            let at = Vec2::new(hit.u, hit.v);
-            let pdf = self.lights.pdf_area(path.reference(), light, point, at, distance, cos.abs());
-            weight = power_heuristic(path.pdf, pdf);
-        }
-        *radiance += path.beta * self.lights.emitted(emitter, light, point.uv) * weight;
-    }
-
-    #[inline(always)]
-    fn shade_one(
-        &self,
-        path: &mut Path,
-        hit: &Hit,
-        depth: u32,
-        radiance: &mut Rgb,
-        shadows: &mut Vec<Shadow>,
-    ) -> bool {
-        if hit.geometry == NONE {
-            self.add_background(path, radiance);
-            return false;
-        }
-        let surface = self.geometry.surface_of(hit);
-        let shading = &self.shading[surface];
-        let ray = Ray::new(path.origin, path.direction);
-        let point = self.geometry.surface_point(hit, &ray, shading.needs);
-        if path.medium != NONE {
-            path.beta *= self.transmittance(path.medium, hit.t);
-        }
-        if shading.emitter != NONE {
-            self.add_emission(path, hit, &point, &self.lights.emitters[shading.emitter as usize], radiance);
-        }
-        if depth >= self.max_depth {
-            return false;
-        }
-        let coordinates = self.coordinates(&point, shading.needs);
-        let Some(bsdf) = self.materials.bsdf(shading.material, &coordinates, path.key ^ path.sample) else {
-            // An interface that `trace` did not pass, because it emits.
-            path.travelled += hit.t;
-            path.origin = offset_origin(point.p, point.error, point.ng, path.direction);
-            path.medium = cross(shading.medium, point.ng, path.direction, path.medium);
-            return true;
-        };
-        let frame = if shading.needs.has(Needs::TANGENT) {
-            Frame::from_z_x(point.ns, point.dpdu)
-        } else {
-            Frame::from_z(point.ns)
-        };
-        let wo = frame.to_local(-path.direction);
-
-        let (u, to_light) = sample8(path.key, path.sample, 1 + 2 * depth);
-        if self.samples_lights
-            && !bsdf.is_delta()
-            && let Some(light) = self.lights.sample(point.p, to_light)
-        {
-            let wi = frame.to_local(light.wi);
-            let (f, pdf) = bsdf.eval(wo, wi);
-            if f != Rgb::ZERO {
-                let plain = light.delta || self.estimator == Estimator::Lights;
-                let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
-                shadows.push(Shadow {
-                    ray: light.ray_from(point.p, point.error, point.ng),
-                    contribution: path.beta * f * light.radiance * (weight / light.pdf),
-                    slot: path.slot,
-                    medium: cross(shading.medium, point.ng, light.wi, path.medium),
-                });
-            }
-        }
-
-        let Some(s) = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1])) else { return false };
-        let direction = frame.to_world(s.wi);
-        path.beta *= s.weight;
-        path.pdf = match self.estimator {
-            Estimator::Scattering => 0.0,
-            _ if s.delta => 0.0,
-            Estimator::Both => s.pdf,
-            // So improbable beside light sampling that the heuristic gives it no weight.
-            Estimator::Lights => f32::MIN_POSITIVE,
-        };
-        if s.transmission {
-            path.eta_scale *= s.eta * s.eta;
-        }
-        path.medium = cross(shading.medium, point.ng, direction, path.medium);
-        path.origin = offset_origin(point.p, point.error, point.ng, direction);
-        path.direction = direction;
-        path.travelled = 0.0;
-        // Russian roulette from the second scattering event on, as pbrt-v4 does.
-        let weight = path.beta.max_element() * path.eta_scale;
-        if weight < self.rr_threshold && depth >= 1 {
-            let q = (1.0 - weight).max(0.0);
-            if u[3] < q {
-                return false;
-            }
-            path.beta /= 1.0 - q;
-        }
-        path.beta != Rgb::ZERO
-    }
-
-    /// Where the textures of a surface are asked for.
-    #[inline(always)]
-    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
-        TextureCoordinates {
-            uv: point.uv,
-            p: point.p,
-            n: point.ns,
-            width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
-        }
-    }
-
-    /// Width in texture units of a pixel as the camera would see it at `point` (pbrt-v4's
-    /// approximation for every bounce, 4th ed. §10.1.3).
-    #[inline]
-    fn footprint(&self, point: &SurfacePoint) -> f32 {
-        self.camera.pixel_width_at(point.p, point.ng) * point.uv_rate * self.footprint_scale
     }
 
     /// Adds the light samples that nothing occludes.
@@ -436,9 +308,15 @@ impl<'a, A: Accel> World<'a, A> {
 }
 
 impl Path {
+    /// Decides between mixed materials; the same for all who ask about one vertex.
+    #[inline(always)]
+    pub(super) fn choice_key(&self) -> u32 {
+        self.key ^ self.sample.reverse_bits()
+    }
+
     /// The last scattering event, from which light sampling would have started.
     #[inline(always)]
-    fn reference(&self) -> Vec3 {
+    pub(super) fn reference(&self) -> Vec3 {
         self.origin - self.direction * self.travelled
     }
 }

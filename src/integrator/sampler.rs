@@ -6,8 +6,8 @@
 //! sets and pixels have scrambles of their own, but for chance collisions of 32-bit keys.
 
 /// Direction numbers of the first four Sobol dimensions (Joe and Kuo 2008), as the bit-reversed
-/// image of each byte of the index: one load and one xor a byte give four dimensions at once.
-/// Bit-reversed, because the scramble below works from the lowest bit up.
+/// image of each byte of the bit-reversed index, its highest byte first: one load and one xor a byte
+/// give four dimensions at once. Bit-reversed, because the scramble below works from the lowest bit up.
 static SOBOL: [[[u32; 4]; 256]; 4] = sobol_tables();
 
 const fn direction(dimension: usize, bit: u32) -> u32 {
@@ -59,7 +59,7 @@ const fn sobol_tables() -> [[[u32; 4]; 256]; 4] {
         while value < 256 {
             let mut bit = 0;
             while bit < 8 {
-                if (value >> bit) & 1 == 1 {
+                if (value >> (7 - bit)) & 1 == 1 {
                     let mut d = 0;
                     while d < 4 {
                         t[byte][value][d] ^= columns[byte * 8 + bit][d];
@@ -103,71 +103,161 @@ pub fn pixel_key(x: u32, y: u32, seed: u64) -> u32 {
     mix(x ^ mix(y ^ s))
 }
 
-/// Both sets of a path vertex at once, `set` and `set + 1`: the same numbers as two calls of
-/// [`sample4`], in one register of eight lanes where the processor has those.
-#[inline(always)]
-#[must_use]
-pub fn sample8(key: u32, index: u32, set: u32) -> ([f32; 4], [f32; 4]) {
-    if index >= 1 << 16 {
-        return (sample4(key, index, set), sample4(key, index, set + 1));
-    }
-    let h = [set, set + 1].map(|s| mix(key.wrapping_add(s.wrapping_mul(0x9e37_79b9))));
-    let reversed = index.reverse_bits();
-    let rows = h.map(|h| {
-        let shuffled = scramble(reversed, h).reverse_bits();
-        (&SOBOL[0][(shuffled & 0xff) as usize], &SOBOL[1][(shuffled >> 8 & 0xff) as usize])
-    });
-    let mut seeds = [0; 8];
-    let mut x = [0; 8];
-    for lane in 0..8 {
-        let (low, high) = rows[lane / 4];
-        seeds[lane] = h[lane / 4] ^ LANES[lane % 4];
-        x[lane] = low[lane % 4] ^ high[lane % 4];
-    }
-    for s in &mut seeds {
-        *s = mix(*s);
-    }
-    let mut out = [0.0; 8];
-    for lane in 0..8 {
-        let r = scramble(x[lane], seeds[lane]).reverse_bits();
-        // Signed conversion is one instruction, and 24 bits are never negative.
-        out[lane] = (r >> 8) as i32 as f32 * (1.0 / (1 << 24) as f32);
-    }
-    let [a, b, c, d, e, f, g, i] = out;
-    ([a, b, c, d], [e, f, g, i])
-}
-
 /// Seeds of the four dimensions of a set, mixed with the set's own.
 const LANES: [u32; 4] = [0x68bc_21eb, 0x02e5_be93, 0x967a_889b, 0x368c_c8b7];
 
-/// The four numbers in [0, 1) of sample `index` of a pixel in dimension set `set`.
+/// Seed of a set of a pixel.
 #[inline(always)]
-#[must_use]
-pub fn sample4(key: u32, index: u32, set: u32) -> [f32; 4] {
-    let h = mix(key.wrapping_add(set.wrapping_mul(0x9e37_79b9)));
-    // Shuffle of the index. An Owen scramble moves an aligned block of 2^k indices onto another
-    // one; taking the upper half relative to index 0's keeps the first 65536 in the first block,
-    // whose images need two table rows instead of four.
-    let shuffled = scramble(index.reverse_bits(), h).reverse_bits();
-    let mut x = SOBOL[0][(shuffled & 0xff) as usize];
-    let hi = SOBOL[1][(shuffled >> 8 & 0xff) as usize];
-    for d in 0..4 {
-        x[d] ^= hi[d];
-    }
-    if index >= 1 << 16 {
-        let upper = (shuffled ^ scramble(0, h).reverse_bits()) >> 16;
-        let (a, b) = (SOBOL[2][(upper & 0xff) as usize], SOBOL[3][(upper >> 8) as usize]);
+fn seed(key: u32, set: u32) -> u32 {
+    mix(key.wrapping_add(set.wrapping_mul(0x9e37_79b9)))
+}
+
+/// A sample's index in its set, bits reversed. An Owen scramble moves an aligned block of 2^k indices
+/// onto another one.
+#[inline(always)]
+fn shuffle(reversed: u32, seed: u32) -> u32 {
+    scramble(reversed, seed)
+}
+
+/// The unscrambled numbers, bits reversed, of sample `reversed` of a set, which is shuffled to
+/// `shuffled`.
+#[inline(always)]
+fn sobol(reversed: u32, shuffled: u32, seed: u32) -> [u32; 4] {
+    let (a, b) = (&SOBOL[0][(shuffled >> 24) as usize], &SOBOL[1][(shuffled >> 16 & 0xff) as usize]);
+    let mut x = [a[0] ^ b[0], a[1] ^ b[1], a[2] ^ b[2], a[3] ^ b[3]];
+    // Taking the upper half relative to index 0's keeps the first 65536 in the first block, whose
+    // images need two table rows instead of four.
+    if reversed & 0xffff != 0 {
+        let upper = shuffled ^ shuffle(0, seed);
+        let (a, b) = (SOBOL[2][(upper >> 8 & 0xff) as usize], SOBOL[3][(upper & 0xff) as usize]);
         for d in 0..4 {
             x[d] ^= a[d] ^ b[d];
         }
     }
-    let mut out = [0.0; 4];
-    for d in 0..4 {
-        let seed = mix(h ^ LANES[d]);
-        let r = scramble(x[d], seed).reverse_bits();
-        out[d] = (r >> 8) as f32 * (1.0 / (1 << 24) as f32);
+    x
+}
+
+/// A number in [0, 1) from a bit-reversed value and its scramble's seed.
+#[inline(always)]
+fn finish(x: u32, seed: u32) -> f32 {
+    // Signed conversion is one instruction, and 24 bits are never negative.
+    (scramble(x, seed).reverse_bits() >> 8) as i32 as f32 * (1.0 / (1 << 24) as f32)
+}
+
+/// A set of one pixel: what all its samples share. Samples are named by their index with its bits
+/// reversed, since that is what the scramble works on.
+#[derive(Clone, Copy, Debug)]
+pub struct Set {
+    seed: u32,
+    lanes: [u32; 4],
+}
+
+impl Set {
+    /// Set `set` of the pixel with `key`.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(key: u32, set: u32) -> Self {
+        let seed = seed(key, set);
+        let mut lanes = LANES;
+        for l in &mut lanes {
+            *l = mix(seed ^ *l);
+        }
+        Self { seed, lanes }
     }
-    out
+
+    /// The four numbers of a sample.
+    #[inline(always)]
+    #[must_use]
+    pub fn sample(&self, reversed: u32) -> [f32; 4] {
+        let x = sobol(reversed, shuffle(reversed, self.seed), self.seed);
+        let mut out = [0.0; 4];
+        for d in 0..4 {
+            out[d] = finish(x[d], self.lanes[d]);
+        }
+        out
+    }
+}
+
+/// As [`Set`], two sets at once: those of a path vertex.
+#[derive(Clone, Copy, Debug)]
+pub struct SetPair {
+    key: u32,
+    seeds: [u32; 2],
+    /// Of each dimension, first set first: one register of eight lanes where the processor has those.
+    lanes: [u32; 8],
+}
+
+impl SetPair {
+    /// `set` and `set + 1` of the pixel with `key`.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(key: u32, set: u32) -> Self {
+        let seeds = [seed(key, set), seed(key, set.wrapping_add(1))];
+        let mut lanes = [0; 8];
+        for (lane, l) in lanes.iter_mut().enumerate() {
+            *l = seeds[lane / 4] ^ LANES[lane % 4];
+        }
+        for l in &mut lanes {
+            *l = mix(*l);
+        }
+        Self { key, seeds, lanes }
+    }
+
+    /// Whose sets they are.
+    #[inline(always)]
+    #[must_use]
+    pub fn key(&self) -> u32 {
+        self.key
+    }
+}
+
+/// Numbers of eight samples at once, each of a pixel of its own: both sets of each, in turn.
+pub struct Octet {
+    reversed: [u32; 8],
+    seeds: [[u32; 8]; 2],
+    lanes: [[u32; 8]; 8],
+}
+
+impl Octet {
+    /// Of nobody yet.
+    pub const EMPTY: Self = Self { reversed: [0; 8], seeds: [[0; 8]; 2], lanes: [[0; 8]; 8] };
+
+    /// Sample `i` is sample `reversed` of `sets`.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, reversed: u32, sets: &SetPair) {
+        self.reversed[i] = reversed;
+        self.seeds[0][i] = sets.seeds[0];
+        self.seeds[1][i] = sets.seeds[1];
+        self.lanes[i] = sets.lanes;
+    }
+
+    /// The numbers of the first `count`, those of two calls of [`Set::sample`].
+    #[inline(always)]
+    pub fn sample(&self, count: usize, numbers: &mut [[f32; 8]; 8]) {
+        let mut shuffled = [[0; 8]; 2];
+        for (shuffled, seeds) in shuffled.iter_mut().zip(&self.seeds) {
+            for i in 0..8 {
+                shuffled[i] = shuffle(self.reversed[i], seeds[i]);
+            }
+        }
+        for (i, numbers) in numbers.iter_mut().enumerate().take(count) {
+            let [a, b, c, d] = sobol(self.reversed[i], shuffled[0][i], self.seeds[0][i]);
+            let [e, f, g, h] = sobol(self.reversed[i], shuffled[1][i], self.seeds[1][i]);
+            let x = [a, b, c, d, e, f, g, h];
+            let lanes = self.lanes[i];
+            let mut out = [0.0; 8];
+            for lane in 0..8 {
+                out[lane] = finish(x[lane], lanes[lane]);
+            }
+            *numbers = out;
+        }
+    }
+}
+
+/// The four numbers in [0, 1) of sample `index` of a pixel in dimension set `set`.
+#[cfg(test)]
+fn sample4(key: u32, index: u32, set: u32) -> [f32; 4] {
+    Set::new(key, set).sample(index.reverse_bits())
 }
 
 #[cfg(test)]
@@ -175,12 +265,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_sets_at_once_are_the_two_sets() {
-        for index in [0, 1, 77, 65_535, 65_536, 1 << 20] {
-            let key = pixel_key(index, 3, 4);
-            let both = (sample4(key, index, 5), sample4(key, index, 6));
-            assert_eq!(sample8(key, index, 5), both);
+    fn two_sets_of_eight_at_once_are_the_sets() {
+        let mut octet = Octet::EMPTY;
+        let indices = [0, 1, 77, 65_535, 65_536, 1 << 20, u32::MAX, 4];
+        for (i, index) in indices.into_iter().enumerate() {
+            octet.set(i, index.reverse_bits(), &SetPair::new(pixel_key(index, 3, 4), 5));
         }
+        let mut numbers = [[-1.0; 8]; 8];
+        octet.sample(7, &mut numbers);
+        for (index, numbers) in indices.into_iter().zip(numbers).take(7) {
+            let key = pixel_key(index, 3, 4);
+            let both = [sample4(key, index, 5), sample4(key, index, 6)].concat();
+            assert_eq!(numbers.as_slice(), both);
+        }
+        assert_eq!(numbers[7], [-1.0; 8]);
     }
 
     #[test]

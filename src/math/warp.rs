@@ -9,9 +9,6 @@ use std::f32::consts::{FRAC_PI_4, PI};
 #[must_use]
 pub fn concentric_disk(u: Vec2) -> Vec2 {
     let o = u * 2.0 - Vec2::ONE;
-    if o.x == 0.0 && o.y == 0.0 {
-        return Vec2::ZERO;
-    }
     // θ = π/4·y/x, or π/2 − π/4·x/y, whose sine and cosine are those of π/4·x/y exchanged.
     let wide = o.x.abs() > o.y.abs();
     let (x, y) = (o.x.to_bits(), o.y.to_bits());
@@ -21,7 +18,9 @@ pub fn concentric_disk(u: Vec2) -> Vec2 {
     // Selected by mask: half of all points take either side, which no predictor can learn.
     let (s, c) = ((r * s).to_bits(), (r * c).to_bits());
     let exchanged = (s ^ c) & u32::from(!wide).wrapping_neg();
-    Vec2::new(f32::from_bits(c ^ exchanged), f32::from_bits(s ^ exchanged))
+    let at = Vec2::new(f32::from_bits(c ^ exchanged), f32::from_bits(s ^ exchanged));
+    // The centre divides zero by zero above. Chosen at the end, so that loops become SIMD.
+    if (o.x == 0.0) & (o.y == 0.0) { Vec2::ZERO } else { at }
 }
 
 /// Sine and cosine on [−π/4, π/4] by Taylor polynomials: the first terms left out are 2e-9 and

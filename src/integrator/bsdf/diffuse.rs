@@ -29,9 +29,9 @@ impl Diffuse {
         (self.reflectance * pdf, pdf)
     }
 
+    /// `wi` is drawn from the cosine-weighted hemisphere.
     #[inline(always)]
-    pub(super) fn sample(&self, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
-        let mut wi = cosine_hemisphere(u);
+    pub(super) fn sample_towards(&self, wo: Vec3, mut wi: Vec3) -> Option<BsdfSample> {
         let pdf = wi.z * INV_PI;
         if !(pdf > 0.0 && wo.z != 0.0 && self.reflectance != Rgb::ZERO) {
             return None;

@@ -25,6 +25,7 @@ pub use diffuse::{Diffuse, DiffuseTransmission};
 pub use ggx::Ggx;
 
 use crate::color::Rgb;
+use crate::math::warp::cosine_hemisphere;
 use crate::math::{Vec2, Vec3};
 
 /// One sampled direction, local frame.
@@ -93,7 +94,7 @@ impl Bsdf<'_> {
     #[must_use]
     pub fn sample(&self, wo: Vec3, uc: f32, u: Vec2) -> Option<BsdfSample> {
         match self {
-            Self::Diffuse(b) => b.sample(wo, u),
+            Self::Diffuse(b) => b.sample_towards(wo, cosine_hemisphere(u)),
             Self::CoatedDiffuse(b) => b.sample(wo, uc, u),
             Self::Conductor(b) => b.sample(wo, u),
             Self::Dielectric(b) => b.sample(wo, uc, u),
@@ -113,6 +114,51 @@ impl Bsdf<'_> {
             Self::ThinDielectric(_) => true,
             Self::Diffuse(_) | Self::CoatedDiffuse(_) | Self::DiffuseTransmission(_) | Self::Black => false,
         }
+    }
+}
+
+/// What shading asks of a scattering function. Implemented by [`Bsdf`] and by its commonest kind, for
+/// which shading is compiled apart.
+pub trait Scatter {
+    /// See [`Bsdf::eval`].
+    fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32);
+    /// See [`Bsdf::sample`]. `cosine` is what [`cosine_hemisphere`] makes of `u`.
+    fn sample(&self, wo: Vec3, uc: f32, u: Vec2, cosine: Vec3) -> Option<BsdfSample>;
+    /// See [`Bsdf::is_delta`].
+    fn is_delta(&self) -> bool;
+}
+
+impl Scatter for Bsdf<'_> {
+    #[inline(always)]
+    fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32) {
+        self.eval(wo, wi)
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: Vec3, uc: f32, u: Vec2, _: Vec3) -> Option<BsdfSample> {
+        self.sample(wo, uc, u)
+    }
+
+    #[inline(always)]
+    fn is_delta(&self) -> bool {
+        self.is_delta()
+    }
+}
+
+impl Scatter for Diffuse {
+    #[inline(always)]
+    fn eval(&self, wo: Vec3, wi: Vec3) -> (Rgb, f32) {
+        self.eval(wo, wi)
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: Vec3, _: f32, _: Vec2, cosine: Vec3) -> Option<BsdfSample> {
+        self.sample_towards(wo, cosine)
+    }
+
+    #[inline(always)]
+    fn is_delta(&self) -> bool {
+        false
     }
 }
 

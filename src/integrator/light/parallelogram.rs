@@ -3,8 +3,8 @@
 //! large parallelograms by the solid angles of their two triangles, small ones by area.
 
 use super::triangle::{SMALL, Spherical};
-use super::{ShapeSample, per_solid_angle};
-use glam::{Vec2, Vec3};
+use super::{ShapeSample, WideSample, at_distance, per_solid_angle};
+use glam::{Vec2, Vec3, Vec3A};
 use std::f32::consts::TAU;
 
 /// |cos| of the corner up to which a parallelogram counts as a rectangle; the density is then
@@ -24,6 +24,22 @@ pub struct Parallelogram {
     l0: f32,
     l1: f32,
     rectangle: bool,
+    /// What area sampling reads.
+    wide: Wide,
+}
+
+/// Corner, edges, the way from corner to centre and the normal as SIMD registers take them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Wide {
+    corner: Vec3A,
+    e0: Vec3A,
+    e1: Vec3A,
+    half: Vec3A,
+    n: Vec3A,
+    /// Square of the longer edge.
+    longest2: f32,
+    /// Density of area sampling.
+    pdf_area: f32,
 }
 
 /// A rectangle around a point in its own frame: x along the first edge, z the distance.
@@ -63,7 +79,17 @@ impl Parallelogram {
         let valid = area > 0.0 && area.is_finite() && corner.is_finite() && l0.is_finite() && l1.is_finite();
         valid.then(|| {
             let rectangle = e0.dot(e1).abs() <= RIGHT_ANGLE * l0 * l1;
-            Self { corner, e0, e1, n: cross / area, area, l0, l1, rectangle }
+            let n = cross / area;
+            let wide = Wide {
+                corner: corner.into(),
+                e0: e0.into(),
+                e1: e1.into(),
+                half: ((e0 + e1) * 0.5).into(),
+                n: n.into(),
+                longest2: l0.max(l1).powi(2),
+                pdf_area: 1.0 / area,
+            };
+            Self { corner, e0, e1, n, area, l0, l1, rectangle, wide }
         })
     }
 
@@ -82,7 +108,7 @@ impl Parallelogram {
     #[inline]
     fn method(&self, p: Vec3) -> Method {
         let d = self.corner - p;
-        if self.is_small(p) {
+        if self.is_small(p.into()) {
             return Method::Area;
         }
         if self.rectangle {
@@ -123,22 +149,30 @@ impl Parallelogram {
 
     /// A point of the parallelogram as seen from `p`; it is `corner + b0 e0 + b1 e1`. `None` where
     /// it is seen edge-on.
-    #[inline(always)]
+    #[inline]
     #[must_use]
     pub fn sample(&self, p: Vec3, u: Vec2) -> Option<ShapeSample> {
+        self.sample_wide(p.into(), u).map(ShapeSample::from)
+    }
+
+    /// As [`Self::sample`].
+    #[inline(always)]
+    pub(in crate::integrator) fn sample_wide(&self, p: Vec3A, u: Vec2) -> Option<WideSample> {
         if !self.is_small(p) {
-            return self.sample_large(p, u);
+            return self.sample_large(p.into(), u).map(WideSample::from);
         }
-        let point = self.corner + self.e0 * u.x + self.e1 * u.y;
-        let pdf_solid_angle = per_solid_angle(1.0 / self.area, point - p, self.n)?;
-        Some(ShapeSample { point, n: self.n, pdf_solid_angle, b0: u.x, b1: u.y })
+        let Wide { corner, e0, e1, n, pdf_area, .. } = self.wide;
+        let point = corner + e0 * u.x + e1 * u.y;
+        let towards = point - p;
+        let pdf_solid_angle = at_distance(pdf_area, towards.length_squared(), n.dot(towards).abs())?;
+        Some(WideSample { point, n, pdf_solid_angle, b0: u.x, b1: u.y })
     }
 
     /// Whether it is so small or far that area sampling serves.
     #[inline(always)]
-    fn is_small(&self, p: Vec3) -> bool {
-        let centre = self.corner - p + (self.e0 + self.e1) * 0.5;
-        self.l0.max(self.l1).powi(2) < SMALL * centre.length_squared()
+    fn is_small(&self, p: Vec3A) -> bool {
+        let centre = self.wide.corner - p + self.wide.half;
+        self.wide.longest2 < SMALL * centre.length_squared()
     }
 
     #[inline(never)]
@@ -166,7 +200,7 @@ impl Parallelogram {
         let point = self.corner + self.e0 * b.x + self.e1 * b.y;
         let pdf_solid_angle = match pdf {
             Some(pdf) => pdf,
-            None => per_solid_angle(1.0 / self.area, point - p, self.n)?,
+            None => per_solid_angle(self.wide.pdf_area, point - p, self.n)?,
         };
         Some(ShapeSample { point, n: self.n, pdf_solid_angle, b0: b.x, b1: b.y })
     }

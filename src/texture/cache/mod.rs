@@ -211,11 +211,6 @@ impl TileCache {
         })
     }
 
-    /// One of the files.
-    fn file(&self, index: u32) -> &dyn TileSource {
-        &*self.files[index as usize].file
-    }
-
     /// Bytes that tiles may take.
     #[must_use]
     pub fn budget(&self) -> u64 {
