@@ -56,6 +56,15 @@ impl FilmBuffer {
         [x, y, (x + TILE).min(self.crop[2]), (y + TILE).min(self.crop[3])]
     }
 
+    /// All tiles along a Z-order curve (Morton 1966), so that neighbours come soon after each other.
+    #[must_use]
+    pub fn along(&self) -> Vec<u32> {
+        let spread = |v: u32| (0..16).fold(0u32, |out, bit| out | (v >> bit & 1) << (2 * bit));
+        let mut tiles: Vec<u32> = (0..self.tile_count()).collect();
+        tiles.sort_by_key(|&i| spread(i % self.across) | spread(i / self.across) << 1);
+        tiles
+    }
+
     /// Adds the sums of one pass over tile `i`, in pixel order. Passes of a tile must come in
     /// order; whoever is early waits, which happens only where a pass ends. False when the pass before
     /// was abandoned: nothing is added then.

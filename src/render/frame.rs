@@ -89,15 +89,20 @@ pub(super) fn render(
         footprint_scale: (1.0 / (spp as f32).sqrt()).max(0.125),
     };
 
+    let buffer = FilmBuffer::new(film.crop);
+    // Only where tiles may have to go and come again does the order of work cost anything.
+    let reads_tiles = textures.store().cache().is_some_and(|(cache, _)| cache.budget() < textures.store().all_bytes());
     let job = Job {
         world: &world,
         textures: textures.store(),
         film: &film,
-        buffer: FilmBuffer::new(film.crop),
         filter: FilterSampler::new(&scene.filter),
         spp,
         seed: settings.seed.unwrap_or(scene.seed),
         next: AtomicU64::new(0),
+        order: if reads_tiles && settings.time_limit_seconds.is_none() { Order::Tiles } else { Order::Passes },
+        along: buffer.along(),
+        buffer,
         samples: AtomicU64::new(0),
         first_pixel: OnceLock::new(),
         stopped: AtomicBool::new(false),
@@ -279,6 +284,16 @@ fn balance(pixels: &mut [[f32; 3]], film: &Film) {
     }
 }
 
+/// Which work comes first. The picture is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Order {
+    /// A pass over the whole film before the next: whenever it is stopped, the image is whole.
+    Passes,
+    /// One pass over the whole film, then all others tile by tile: what a tile's rays read is read
+    /// once or twice, and not again for every pass.
+    Tiles,
+}
+
 /// What the threads share while rendering.
 struct Job<'a, A> {
     world: &'a World<'a, A>,
@@ -288,9 +303,11 @@ struct Job<'a, A> {
     filter: FilterSampler,
     spp: u32,
     seed: u64,
-    /// The next piece of work: pass-major, so that every tile has its n-th pass before any has
-    /// the next.
+    /// The next piece of work, in `order`.
     next: AtomicU64,
+    order: Order,
+    /// Film tiles along a curve that keeps neighbours together.
+    along: Vec<u32>,
     samples: AtomicU64,
     first_pixel: OnceLock<Instant>,
     stopped: AtomicBool,
@@ -332,25 +349,30 @@ impl<A: Accel> Job<'_, A> {
         let cpu = stats::thread_cpu_seconds();
         let abandon = AbandonOnPanic(&self.buffer);
         // Asked before taking work: whoever holds a later pass of a tile waits for the earlier one.
-        while !self.should_stop() {
+        'work: while !self.should_stop() {
             let item = self.next.fetch_add(1, Ordering::Relaxed);
-            let (pass, tile) = (item / tiles, item % tiles);
-            if pass >= passes {
-                break;
-            }
-            // Both were u32 before they were multiplied.
-            let (pass, tile) = (pass as u32, tile as u32);
-            if !self.tile(tile, pass, &mut wave, &mut scratch, &mut counters) {
-                break;
-            }
-            counters.samples += scratch.weights.len() as u64;
-            if self.first_pixel.get().is_none() {
-                let _ = self.first_pixel.set(Instant::now());
-            }
-            let done = self.samples.fetch_add(scratch.weights.len() as u64, Ordering::Relaxed)
-                + scratch.weights.len() as u64;
-            if item.is_multiple_of(64) {
-                (self.control.progress)(Progress::Samples { done, total });
+            let (round, place) = (item / tiles, item % tiles);
+            let work = match self.order {
+                Order::Passes if round < passes => round..round + 1,
+                Order::Tiles if round == 0 => 0..1,
+                Order::Tiles if round == 1 => 1..passes,
+                _ => break,
+            };
+            // They were u32 before they were multiplied.
+            let tile = self.along[place as usize];
+            for pass in work {
+                if !self.tile(tile, pass as u32, &mut wave, &mut scratch, &mut counters) {
+                    break 'work;
+                }
+                let samples = scratch.weights.len() as u64;
+                counters.samples += samples;
+                if self.first_pixel.get().is_none() {
+                    let _ = self.first_pixel.set(Instant::now());
+                }
+                let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
+                if item.is_multiple_of(64) {
+                    (self.control.progress)(Progress::Samples { done, total });
+                }
             }
         }
         drop(abandon);
