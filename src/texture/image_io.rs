@@ -22,7 +22,7 @@ pub const MAX_DECODED_BYTES: u64 = 4 << 30;
 /// Most pixels along a side.
 pub const MAX_SIDE: u32 = 1 << 17;
 /// Deflate expands at most 1032-fold; a PNG that claims more pixels is damaged or hostile.
-const MAX_DEFLATE_RATIO: u64 = 1032;
+pub(super) const MAX_DEFLATE_RATIO: u64 = 1032;
 
 /// Numbers as the file stores them.
 #[derive(Clone, Debug, PartialEq)]

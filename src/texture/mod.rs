@@ -3,7 +3,9 @@
 //! without anyone noticing. Never decides what is needed; `prepare` says so by
 //! [`ImageNeeds`](crate::prepare::ImageNeeds).
 
+pub mod cache_dir;
 mod contain;
+pub mod convert;
 mod encoding;
 mod eval;
 mod exr_in;
@@ -11,6 +13,7 @@ mod filter;
 mod image_io;
 mod pfm;
 mod pyramid;
+mod rules;
 mod store;
 mod texels;
 

@@ -1,0 +1,1 @@
+//! Rows read in parts against images read whole.
