@@ -10,7 +10,7 @@
 //! Invariant: what a name says a file was made of, it was made of. Never deletes a converted file
 //! that is whole; to make room, a person deletes the directory.
 
-use super::convert::fingerprint::{self, Stamp, VERSION, encoding_name};
+use super::convert::fingerprint::{self, Stamp, VERSION, encoding_text};
 use super::convert::{self, Compression, Container, Failure, Settings, WrapMode};
 use crate::error::{Error, Result};
 use crate::replace::try_replace_file;
@@ -76,7 +76,7 @@ pub fn converted(
         Some(hash) => hash,
         None => fingerprint::of_file(source)?,
     };
-    let path = dir.join(format!("{hash}-{}-v{VERSION}.tx", encoding_name(encoding).replace(':', "")));
+    let path = dir.join(format!("{hash}-{}-v{VERSION}.tx", encoding_text(encoding)));
     let existing = look(&path, &hash, encoding);
     if existing == Look::Whole {
         remember(&index, &stamp, &hash);
@@ -165,7 +165,7 @@ fn look(path: &Path, hash: &str, encoding: Encoding) -> Look {
     let whole = text.is_ok_and(|text| {
         let value = |key| fingerprint::value(&text, key);
         value("weir:source") == Some(hash)
-            && value("weir:read") == Some(&encoding_name(encoding))
+            && value("weir:read") == Some(&encoding_text(encoding))
             && value("weir:version") == Some(&VERSION.to_string())
             && value("weir:bytes").and_then(|b| u64::from_str_radix(b, 16).ok()) == Some(meta.len())
     });

@@ -7,7 +7,7 @@
 //! transfer curve.
 
 use super::encoding;
-use super::{contain, exr_in, pfm};
+use super::{contain, convert, exr_in, pfm};
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
 use half::f16;
@@ -125,6 +125,10 @@ pub fn read_image(path: &Path) -> Result<ImageData> {
             file.read_to_end(&mut bytes).map_err(io)?;
             pfm::read(path, &bytes)
         }
+        [b'I' | b'M', b'I' | b'M', ..] => match convert::read_float_tiff(path)? {
+            Some(data) => Ok(data),
+            None => read_common(path, file, meta.len()),
+        },
         _ => read_common(path, file, meta.len()),
     });
     decoded.unwrap_or_else(|| Err(Error::file(path, "damaged: its decoder gave up")))

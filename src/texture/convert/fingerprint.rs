@@ -87,10 +87,18 @@ pub fn encoding_name(encoding: Encoding) -> String {
     }
 }
 
+/// As a file's text has it: a gamma is its number alone.
+pub(crate) fn encoding_text(encoding: Encoding) -> String {
+    match encoding {
+        Encoding::Gamma(g) => g.to_string(),
+        named => encoding_name(named),
+    }
+}
+
 /// The text for a file whose numbers are to be read as `kept`, made of the source `hash`, whose
 /// numbers were read as `read`.
 pub(super) fn description(hash: &str, read: Encoding, kept: Encoding) -> String {
-    let (read, kept) = (encoding_name(read), encoding_name(kept));
+    let (read, kept) = (encoding_text(read), encoding_text(kept));
     format!("weir:encoding={kept} weir:source={hash} weir:read={read} weir:version={VERSION}")
 }
 
@@ -124,7 +132,7 @@ mod tests {
         std::fs::write(&path, b"").expect("write");
         // XXH3_128 of nothing, seed 0 (xxHash's own sanity vectors).
         assert_eq!(of_file(&path).expect("read"), "99aa06d3014798d86001c324468d497f");
-        let long: Vec<u8> = (0..3 * CHUNK_BYTES + 17).map(|i| (i * 31 >> 3) as u8).collect();
+        let long: Vec<u8> = (0..3 * CHUNK_BYTES + 17).map(|i| ((i * 31) >> 3) as u8).collect();
         std::fs::write(&path, &long).expect("write");
         let whole = xxhash_rust::xxh3::xxh3_128(&long);
         assert_eq!(of_file(&path).expect("read"), format!("{whole:032x}"));
@@ -137,7 +145,7 @@ mod tests {
             let text = description("abc", encoding, Encoding::Linear);
             assert_eq!(value(&text, "weir:source"), Some("abc"));
             assert_eq!(value(&text, "weir:encoding"), Some("linear"));
-            assert_eq!(value(&text, "weir:read"), Some(&*encoding_name(encoding)));
+            assert_eq!(value(&text, "weir:read"), Some(&*encoding_text(encoding)));
             assert_eq!(value(&text, "weir:enc"), None);
         }
         for bad in ["", "gamma", "gamma:", "gamma:0", "gamma:inf", "gamma:-1", "sRGB"] {

@@ -19,6 +19,7 @@ use crate::error::Error;
 use crate::scene::Encoding;
 use glam::Vec4;
 use source::Source;
+pub(super) use source::read_float_tiff;
 use std::io::{self, Seek, Write};
 use std::path::Path;
 use stream::Pyramid;

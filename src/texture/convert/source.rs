@@ -16,7 +16,7 @@ use super::Failure;
 use super::fingerprint::Stamp;
 use crate::error::{Error, Result};
 use crate::texture::contain;
-use crate::texture::image_io::{ImageData, MAX_SIDE, Pixels, read_image};
+use crate::texture::image_io::{ImageData, MAX_SIDE, Pixels, check_size, read_image};
 use crate::texture::rules::Depth;
 use half::f16;
 use std::fs::File;
@@ -63,7 +63,7 @@ enum Form {
     Whole(ImageData),
     Parts(Box<dyn Decode>),
     /// Decompresses on all threads itself.
-    Exr(exr::Plan),
+    Exr(Box<exr::Plan>),
 }
 
 /// An image file that can be read from the top, several times.
@@ -168,6 +168,29 @@ impl Source {
     }
 }
 
+/// A TIFF of halves, or of grey floats, which `image` does not read; `None` for any other.
+pub(in crate::texture) fn read_float_tiff(path: &Path) -> Result<Option<ImageData>> {
+    let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let Some((shape, decode)) = tiff::open(path, BufReader::with_capacity(1 << 16, file))? else {
+        return Ok(None);
+    };
+    let Shape { width, height, channels, depth } = shape;
+    if depth != Depth::F16 && (depth != Depth::F32 || channels > 2) {
+        return Ok(None);
+    }
+    check_size(path, width, height, channels as usize * depth.bytes())?;
+    let mut all = empty(depth, shape.row_numbers() * height as usize);
+    decode.decode(path, &shape, &mut |band| {
+        match (&mut all, &band) {
+            (Pixels::F16(to), Pixels::F16(from)) => to.extend_from_slice(from),
+            (Pixels::F32(to), Pixels::F32(from)) => to.extend_from_slice(from),
+            _ => return false,
+        }
+        true
+    })?;
+    Ok(Some(ImageData { width, height, channels, pixels: all }))
+}
+
 fn gave_up(path: &Path) -> Error {
     Error::file(path, "damaged: its decoder gave up")
 }
@@ -197,7 +220,9 @@ fn open_parts(path: &Path) -> Result<Option<(Shape, Form)>> {
     let parts = match magic[..] {
         [0x89, b'P', b'N', b'G', ..] => png::open(path, file, file_bytes)?,
         [0x76, 0x2f, 0x31, 0x01, ..] => {
-            return Ok(exr::open(path, file, file_bytes)?.map(|(shape, plan)| (shape, Form::Exr(plan))));
+            return Ok(
+                exr::open(path, file, file_bytes)?.map(|(shape, plan)| (shape, Form::Exr(Box::new(plan))))
+            );
         }
         [b'I', b'I', 0x2a | 0x2b, 0, ..] | [b'M', b'M', 0, 0x2a | 0x2b, ..] => tiff::open(path, file)?,
         [b'P', b'F' | b'f', b, ..] if b.is_ascii_whitespace() => Some(pfm::open(path, file, file_bytes)?),
