@@ -12,6 +12,7 @@ pub mod integrator;
 pub mod math;
 pub mod prepare;
 pub mod render;
+pub mod replace;
 pub mod report;
 pub mod scene;
 pub mod settings;

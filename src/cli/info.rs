@@ -25,7 +25,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     let text = match kind {
         "pbrt" | "obj" => scene::describe(path)?,
         "ply" => mesh::describe(path)?,
-        "exr" | "png" | "jpg" | "jpeg" | "tga" | "hdr" | "bmp" | "tif" | "tiff" | "pfm" => {
+        "exr" | "png" | "jpg" | "jpeg" | "tga" | "hdr" | "bmp" | "tif" | "tiff" | "tx" | "pfm" => {
             image::describe(path)?
         }
         _ => {
@@ -33,7 +33,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
             std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
             return Err(Error::Usage(format!(
                 "{}: not a kind that weir knows; a scene (.pbrt, .obj), a mesh (.ply) or an image (.exr, .png, \
-                 .hdr, .pfm, .jpg, .tga, .bmp, .tif) is needed",
+                 .hdr, .pfm, .jpg, .tga, .bmp, .tif, .tx) is needed",
                 path.display()
             )));
         }

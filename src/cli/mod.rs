@@ -8,6 +8,7 @@ mod interrupt;
 mod progress;
 pub(crate) mod render;
 pub(crate) mod report;
+pub(crate) mod texture;
 mod values;
 
 use clap::Parser;
@@ -26,6 +27,7 @@ Examples:
   weir scene.pbrt --time 60s --stats stats.json
   weir diff new.exr reference.exr        how far two images are apart
   weir report stats.json                 where time and memory went
+  weir texture bark.png -o bark.tx       a tiled, mip-mapped texture
   weir info scene.pbrt                   what is in a scene, mesh or image
 
 `weir SCENE` alone is `weir render SCENE`; `weir render --help` lists its options.
@@ -50,6 +52,8 @@ enum Subcommand {
     Info(info::Options),
     /// Print what --stats wrote as text
     Report(report::Options),
+    /// Make a tiled, mip-mapped texture of an image
+    Texture(texture::Options),
 }
 
 /// What to do.
@@ -58,6 +62,7 @@ pub(crate) enum Command {
     Diff(diff::Options),
     Info(info::Options),
     Report(report::Options),
+    Texture(texture::Options),
     /// `--help` or `--version`: a text that was asked for.
     Help(String),
 }
@@ -84,6 +89,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
             Subcommand::Diff(options) => Command::Diff(options),
             Subcommand::Info(options) => Command::Info(options),
             Subcommand::Report(options) => Command::Report(options),
+            Subcommand::Texture(options) => Command::Texture(options),
         }),
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             Ok(Command::Help(e.render().to_string()))
@@ -94,7 +100,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
 
 /// `weir SCENE` is `weir render SCENE`, wherever the options stand.
 fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
-    const COMMANDS: [&str; 5] = ["render", "diff", "info", "report", "help"];
+    const COMMANDS: [&str; 6] = ["render", "diff", "info", "report", "texture", "help"];
     let Some(first) = arguments.get(1) else {
         return Err(Error::Usage(
             "no scene given; `weir scene.pbrt` renders one; see weir --help".to_owned(),
@@ -108,7 +114,7 @@ fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
     // A bare word that is no file is more likely a command misspelt than a scene misplaced.
     if !text.starts_with('-') && !text.contains(['.', '/']) && !Path::new(first).exists() {
         return Err(Error::Usage(format!(
-            "no command and no file is called '{text}'; the commands are render, diff, info and report; see weir --help"
+            "no command and no file is called '{text}'; the commands are render, diff, info, report and texture; see weir --help"
         )));
     }
     arguments.insert(1, "render".into());

@@ -17,6 +17,8 @@ const REDRAW: Duration = Duration::from_millis(250);
 pub(super) struct Bar {
     bar: ProgressBar,
     time_limit_seconds: Option<f64>,
+    /// What is counted.
+    unit: &'static str,
     sampling: Once,
 }
 
@@ -30,7 +32,12 @@ impl Bar {
         if shown {
             bar.enable_steady_tick(REDRAW);
         }
-        Self { bar, time_limit_seconds, sampling: Once::new() }
+        Self { bar, time_limit_seconds, unit: "samples", sampling: Once::new() }
+    }
+
+    /// A bar that counts something else than samples.
+    pub(super) fn counting(unit: &'static str, shown: bool) -> Self {
+        Self { unit, ..Self::new(shown, None) }
     }
 
     /// The bar itself, to say something beside it.
@@ -46,28 +53,31 @@ impl Bar {
                 let percent = done as f64 / total.max(1) as f64 * 100.0;
                 self.bar.set_message(format!("making tiled copies of textures: {percent:.0} %"));
             }
-            Progress::Samples { done, total } => {
-                self.sampling.call_once(|| {
-                    let limit = self.time_limit_seconds;
-                    let style = template("{line}");
-                    let style = style.with_key("line", move |state: &ProgressState, out: &mut dyn Write| {
-                        let at = At {
-                            done: state.pos(),
-                            total: state.len().unwrap_or(0),
-                            elapsed: state.elapsed().as_secs_f64(),
-                        };
-                        // A bar that cannot be formatted is not worth an error.
-                        let _ = out.write_str(&line(at, limit));
-                    });
-                    self.bar.set_length(total);
-                    self.bar.reset_elapsed();
-                    self.bar.set_style(style);
-                });
-                // Threads may report in another order than they counted.
-                if done > self.bar.position() {
-                    self.bar.set_position(done);
-                }
-            }
+            Progress::Samples { done, total } => self.update_count(done, total),
+        }
+    }
+
+    /// So much done of so much. From any thread.
+    pub(super) fn update_count(&self, done: u64, total: u64) {
+        self.sampling.call_once(|| {
+            let (limit, unit) = (self.time_limit_seconds, self.unit);
+            let style = template("{line}");
+            let style = style.with_key("line", move |state: &ProgressState, out: &mut dyn Write| {
+                let at = At {
+                    done: state.pos(),
+                    total: state.len().unwrap_or(0),
+                    elapsed: state.elapsed().as_secs_f64(),
+                };
+                // A bar that cannot be formatted is not worth an error.
+                let _ = out.write_str(&line(at, unit, limit));
+            });
+            self.bar.set_length(total);
+            self.bar.reset_elapsed();
+            self.bar.set_style(style);
+        });
+        // Threads may report in another order than they counted.
+        if done > self.bar.position() {
+            self.bar.set_position(done);
         }
     }
 
@@ -81,7 +91,7 @@ fn template(text: &str) -> ProgressStyle {
     ProgressStyle::with_template(text).expect("our own templates are well formed")
 }
 
-/// Samples done of how many, and seconds since the first.
+/// So much done of how much, and seconds since the first.
 #[derive(Clone, Copy)]
 struct At {
     done: u64,
@@ -90,7 +100,7 @@ struct At {
 }
 
 /// Bar, percentage, rate and time left: of the samples or of the time limit, whichever ends first.
-fn line(at: At, time_limit_seconds: Option<f64>) -> String {
+fn line(at: At, unit: &str, time_limit_seconds: Option<f64>) -> String {
     let by_samples = if at.total > 0 { at.done as f64 / at.total as f64 } else { 0.0 };
     let by_time = time_limit_seconds.map_or(0.0, |limit| at.elapsed / limit);
     let fraction = by_samples.max(by_time).min(1.0);
@@ -106,7 +116,7 @@ fn line(at: At, time_limit_seconds: Option<f64>) -> String {
         String::new()
     };
     format!(
-        "[{}{}] {:3.0} %  {} samples/s  {left}",
+        "[{}{}] {:3.0} %  {} {unit}/s  {left}",
         "=".repeat(filled),
         " ".repeat(BAR_WIDTH - filled),
         (fraction * 100.0).floor(),
@@ -120,13 +130,13 @@ mod tests {
 
     #[test]
     fn the_line_says_rate_share_and_time_left() {
-        let text = line(At { done: 2_500_000, total: 10_000_000, elapsed: 5.0 }, None);
+        let text = line(At { done: 2_500_000, total: 10_000_000, elapsed: 5.0 }, "samples", None);
         assert_eq!(text, "[======                  ]  25 %  500 k samples/s  15 s left");
         // The time limit ends it sooner.
-        let text = line(At { done: 2_500_000, total: 10_000_000, elapsed: 5.0 }, Some(10.0));
+        let text = line(At { done: 2_500_000, total: 10_000_000, elapsed: 5.0 }, "samples", Some(10.0));
         assert_eq!(text, "[============            ]  50 %  500 k samples/s  5 s left");
         // Past its end, and before its beginning.
-        assert!(line(At { done: 9, total: 3, elapsed: 1.0 }, Some(0.1)).contains("100 %"));
-        assert!(line(At { done: 0, total: 0, elapsed: 0.0 }, None).contains("  0 %  0 samples/s"));
+        assert!(line(At { done: 9, total: 3, elapsed: 1.0 }, "samples", Some(0.1)).contains("100 %"));
+        assert!(line(At { done: 0, total: 0, elapsed: 0.0 }, "samples", None).contains("  0 %  0 samples/s"));
     }
 }

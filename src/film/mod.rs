@@ -5,9 +5,9 @@ pub mod buffer;
 pub mod filter;
 pub mod image;
 pub mod read;
-pub mod replace;
 pub mod write;
 
+pub use crate::replace;
 pub use buffer::FilmBuffer;
 pub use filter::FilterSampler;
 pub use image::Image;

@@ -52,20 +52,8 @@ pub(super) fn read(path: &Path, file: File, file_bytes: u64) -> Result<ImageData
         let message = format!("EXR: {chunks} chunks cannot be in {file_bytes} bytes; damaged or cut short");
         return Err(Error::file(path, message));
     }
-    let Some((part, slots)) = headers.iter().enumerate().find_map(|(i, h)| Some((i, color_channels(h)?)))
-    else {
-        let message = if headers.iter().all(|h| h.deep) {
-            "EXR: deep pixels are not supported; a flat image is needed"
-        } else {
-            "EXR: no part has channels R, G, B or Y (or a single channel)"
-        };
-        return Err(Error::file(path, message));
-    };
+    let (part, slots) = choose(path, headers)?;
     let header = headers[part].clone();
-    if slots.iter().any(|&s| header.channels.list[s].sampling != exr::math::Vec2(1, 1)) {
-        let message = "EXR: subsampled channels are not supported; one sample a pixel is needed";
-        return Err(Error::file(path, message));
-    }
     let window = header.shared_attributes.display_window;
     let (Ok(width), Ok(height)) = (u32::try_from(window.size.0), u32::try_from(window.size.1)) else {
         return Err(Error::file(path, "EXR: the display window is too large"));
@@ -123,7 +111,25 @@ pub(super) fn read(path: &Path, file: File, file_bytes: u64) -> Result<ImageData
     Ok(ImageData { width, height, channels: slots.len() as u8, pixels })
 }
 
-fn sample(b: &[u8], kind: SampleType) -> f32 {
+/// The part to read and its channels in the order of the result.
+pub(super) fn choose(path: &Path, headers: &[Header]) -> Result<(usize, Vec<usize>)> {
+    let Some((part, slots)) = headers.iter().enumerate().find_map(|(i, h)| Some((i, color_channels(h)?)))
+    else {
+        let message = if headers.iter().all(|h| h.deep) {
+            "EXR: deep pixels are not supported; a flat image is needed"
+        } else {
+            "EXR: no part has channels R, G, B or Y (or a single channel)"
+        };
+        return Err(Error::file(path, message));
+    };
+    if slots.iter().any(|&s| headers[part].channels.list[s].sampling != exr::math::Vec2(1, 1)) {
+        let message = "EXR: subsampled channels are not supported; one sample a pixel is needed";
+        return Err(Error::file(path, message));
+    }
+    Ok((part, slots))
+}
+
+pub(super) fn sample(b: &[u8], kind: SampleType) -> f32 {
     match kind {
         SampleType::F16 => f16::from_ne_bytes([b[0], b[1]]).to_f32(),
         SampleType::F32 => f32::from_ne_bytes([b[0], b[1], b[2], b[3]]),
@@ -140,6 +146,11 @@ fn check_header(path: &Path, h: &Header) -> Result<()> {
         let message = format!("the data window has {}×{} pixels, too many", h.layer_size.0, h.layer_size.1);
         return bad(&message);
     }
+    check_blocks(path, h)
+}
+
+/// Bounds what decoding one block may allocate.
+pub(super) fn check_blocks(path: &Path, h: &Header) -> Result<()> {
     if h.deep {
         return Ok(());
     }
@@ -150,7 +161,7 @@ fn check_header(path: &Path, h: &Header) -> Result<()> {
         }
     };
     if block.saturating_mul(h.channels.bytes_per_pixel as u64) > MAX_BLOCK_BYTES {
-        return bad("a tile or block is larger than any that is read");
+        return Err(Error::file(path, "EXR: a tile or block is larger than any that is read"));
     }
     Ok(())
 }
@@ -191,16 +202,16 @@ pub(super) fn color_channels(h: &Header) -> Option<Vec<usize>> {
 }
 
 /// Where blocks go.
-struct Target<'a> {
-    shift: [i64; 2],
-    size: [i64; 2],
-    header: &'a Header,
-    slots: &'a [usize],
+pub(super) struct Target<'a> {
+    pub(super) shift: [i64; 2],
+    pub(super) size: [i64; 2],
+    pub(super) header: &'a Header,
+    pub(super) slots: &'a [usize],
 }
 
 impl Target<'_> {
     /// Copies the wanted channels of a block into the window; `None` when the block is too short.
-    fn copy<T>(
+    pub(super) fn copy<T>(
         &self,
         block: &UncompressedBlock,
         out: &mut [T],

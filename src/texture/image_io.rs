@@ -7,7 +7,7 @@
 //! transfer curve.
 
 use super::encoding;
-use super::{contain, exr_in, pfm};
+use super::{contain, convert, exr_in, pfm};
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
 use half::f16;
@@ -22,7 +22,7 @@ pub const MAX_DECODED_BYTES: u64 = 4 << 30;
 /// Most pixels along a side.
 pub const MAX_SIDE: u32 = 1 << 17;
 /// Deflate expands at most 1032-fold; a PNG that claims more pixels is damaged or hostile.
-const MAX_DEFLATE_RATIO: u64 = 1032;
+pub(super) const MAX_DEFLATE_RATIO: u64 = 1032;
 
 /// Numbers as the file stores them.
 #[derive(Clone, Debug, PartialEq)]
@@ -161,6 +161,10 @@ pub fn read_image(path: &Path) -> Result<ImageData> {
             file.read_to_end(&mut bytes).map_err(io)?;
             pfm::read(path, &bytes)
         }
+        [b'I' | b'M', b'I' | b'M', ..] => match convert::read_float_tiff(path)? {
+            Some(data) => Ok(data),
+            None => read_common(path, file, meta.len()),
+        },
         _ => read_common(path, file, meta.len()),
     });
     decoded.unwrap_or_else(|| Err(Error::file(path, "damaged: its decoder gave up")))

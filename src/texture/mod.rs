@@ -4,7 +4,9 @@
 
 mod attached;
 pub mod cache;
+pub mod cache_dir;
 mod contain;
+pub mod convert;
 mod encoding;
 mod eval;
 mod exr_in;
@@ -12,6 +14,7 @@ mod filter;
 mod image_io;
 mod pfm;
 mod pyramid;
+mod rules;
 mod store;
 mod texels;
 mod tiled;

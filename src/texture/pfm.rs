@@ -5,9 +5,25 @@ use super::image_io::{ImageData, Pixels, check_size};
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// Reads a whole PFM file that has been loaded as `bytes`.
-pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<ImageData> {
-    let bad = |message: &str| Err(Error::file(path, format!("not a whole PFM image: {message}")));
+/// What stands before the pixels.
+pub(super) struct Header {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    /// 1 or 3.
+    pub(super) channels: usize,
+    /// Negative for little-endian numbers.
+    scale: f32,
+    /// Where the pixels begin.
+    pub(super) start: usize,
+}
+
+fn bad(path: &Path, message: &str) -> Error {
+    Error::file(path, format!("not a whole PFM image: {message}"))
+}
+
+/// Reads the header at the beginning of `bytes`.
+pub(super) fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
+    let bad = |message: &str| Err(bad(path, message));
     let mut at = 0;
     let mut word = || {
         let blank = bytes[at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
@@ -28,20 +44,42 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<ImageData> {
     let Some(scale) = scale.parse::<f32>().ok().filter(|s| s.is_finite() && *s != 0.0) else {
         return bad("a scale that is not zero is needed after the size");
     };
-    check_size(path, width, height, channels * 4)?;
-    let row = width as usize * channels;
     // One blank ends the header; what follows it may look like blanks.
-    let data = bytes.get(end + 1..).unwrap_or(&[]);
-    if data.len() < row * height as usize * 4 {
-        return bad(&format!("{} bytes of pixels, {} needed", data.len(), row * height as usize * 4));
+    Ok(Header { width, height, channels, scale, start: end + 1 })
+}
+
+impl Header {
+    /// Refuses a file of `file_bytes` that is too short for the pixels.
+    pub(super) fn check_length(&self, path: &Path, file_bytes: u64) -> Result<()> {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        let needed = pixels.saturating_mul(self.channels as u64 * 4);
+        let there = file_bytes.saturating_sub(self.start as u64);
+        if there < needed {
+            return Err(bad(path, &format!("{there} bytes of pixels, {needed} needed")));
+        }
+        Ok(())
     }
-    let factor = scale.abs();
-    let mut pixels = Vec::with_capacity(row * height as usize);
-    for line in data.chunks_exact(row * 4).take(height as usize).rev() {
-        pixels.extend(line.chunks_exact(4).map(|b| {
+
+    /// The numbers in the bytes of one row.
+    pub(super) fn numbers(&self, line: &[u8]) -> impl Iterator<Item = f32> {
+        let (factor, little) = (self.scale.abs(), self.scale < 0.0);
+        line.chunks_exact(4).map(move |b| {
             let b = [b[0], b[1], b[2], b[3]];
-            factor * if scale < 0.0 { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) }
-        }));
+            factor * if little { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) }
+        })
+    }
+}
+
+/// Reads a whole PFM file that has been loaded as `bytes`.
+pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<ImageData> {
+    let header = header(path, bytes)?;
+    let Header { width, height, channels, start, .. } = header;
+    check_size(path, width, height, channels * 4)?;
+    header.check_length(path, bytes.len() as u64)?;
+    let row = width as usize * channels;
+    let mut pixels = Vec::with_capacity(row * height as usize);
+    for line in bytes[start..].chunks_exact(row * 4).take(height as usize).rev() {
+        pixels.extend(header.numbers(line));
     }
     Ok(ImageData { width, height, channels: channels as u8, pixels: Pixels::F32(pixels) })
 }

@@ -14,12 +14,20 @@ pub(super) fn sizes(width: u32, height: u32) -> Vec<(u32, u32)> {
 /// Source texels and weights of one target texel: n = 2n' or 2n'+1 source texels become n', so
 /// that at most three contribute.
 #[derive(Clone, Copy)]
-struct Taps {
-    first: u32,
-    weights: [f32; 3],
+pub(super) struct Taps {
+    pub(super) first: u32,
+    pub(super) weights: [f32; 3],
 }
 
-fn taps(from: u32, to: u32) -> Vec<Taps> {
+impl Taps {
+    /// One past the last source texel that contributes.
+    pub(super) fn end(&self) -> u32 {
+        self.first + self.weights.iter().rposition(|&w| w > 0.0).map_or(0, |last| last as u32 + 1)
+    }
+}
+
+/// Taps of all target texels where `from` texels become `to`.
+pub(super) fn taps(from: u32, to: u32) -> Vec<Taps> {
     (0..to)
         .map(|i| match (from, to) {
             (n, m) if n == m => Taps { first: i, weights: [1.0, 0.0, 0.0] },
@@ -66,18 +74,32 @@ fn filter_level<T: Texel>(
     let texels = fine.texels::<T>(memory);
     let mut out = vec![T::zeroed(); coarse.width as usize * coarse.height as usize];
     out.par_chunks_mut(coarse.width as usize).zip(rows).for_each(|(line, row)| {
-        for (texel, column) in line.iter_mut().zip(columns) {
-            let mut sum = Vec4::ZERO;
-            for (dy, &wy) in row.weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-                for (dx, &wx) in column.weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-                    let i = fine.index::<T>(column.first + dx as u32, row.first + dy as u32);
-                    sum += texels[i].decode(table) * (wx * wy);
-                }
-            }
-            *texel = encode(sum);
-        }
+        let texel = |x: u32, dy: u32| texels[fine.index::<T>(x, row.first + dy)];
+        filter_row(line, columns, row, texel, table, encode);
     });
     out
+}
+
+/// One coarse row. `texel(x, dy)` gives the source texel in column `x`, `dy` rows below
+/// `row.first`. Whoever builds a level goes through here, so that the order of sums is one.
+#[inline(always)]
+pub(super) fn filter_row<T: Texel>(
+    line: &mut [T],
+    columns: &[Taps],
+    row: &Taps,
+    texel: impl Fn(u32, u32) -> T,
+    table: &[f32; 256],
+    encode: &impl Fn(Vec4) -> T,
+) {
+    for (out, column) in line.iter_mut().zip(columns) {
+        let mut sum = Vec4::ZERO;
+        for (dy, &wy) in row.weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+            for (dx, &wx) in column.weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+                sum += texel(column.first + dx as u32, dy as u32).decode(table) * (wx * wy);
+            }
+        }
+        *out = encode(sum);
+    }
 }
 
 #[cfg(test)]

@@ -10,11 +10,12 @@
 //! Never decides what is needed.
 
 use super::attached::{self, Attached};
+use super::cache_dir;
 use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource};
-use super::encoding::{self, Encoder};
 use super::filter::{self, Footprint, Sampler};
 use super::image_io::{ImageData, Pixels, decoded_bytes, read_image};
 use super::pyramid;
+use super::rules::{Build, Facts, Kind, Rules, Sample};
 use super::tiled::{Caching, DEFAULT_OPEN_FILES, FilePool, TiledFile};
 use super::tiles::{FileTiles, Probe, TiledImage};
 use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
@@ -24,21 +25,10 @@ use crate::math::Vec2;
 use crate::prepare::ImageNeeds;
 use crate::scene::{Channels, Encoding, ImageId, ImageSource};
 use glam::Vec4;
-use half::f16;
 use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Rgba8,
-    Grey8,
-    RgbaHalf,
-    GreyHalf,
-    RgbaFloat,
-    GreyFloat,
-}
 
 struct Stored {
     kind: Kind,
@@ -303,7 +293,8 @@ fn decode(source: &ImageSource, need: ImageNeeds) -> Result<Stored> {
         .map_err(|e| Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display())))
 }
 
-/// Puts tiled copies in the place of the images in `copies`, making those that are not there.
+/// Puts tiled copies in the place of the images in `copies`, making those that are not there. Each
+/// conversion uses all cores.
 fn convert(
     mut found: Vec<Found>,
     copies: &[bool],
@@ -312,149 +303,105 @@ fn convert(
     options: &TextureOptions,
     progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<Vec<Found>> {
-    let _ = (&mut found, copies, sources, files, options, progress);
+    if !copies.contains(&true) {
+        return Ok(found);
+    }
+    let dir = options.cache_dir.clone().map_or_else(cache_dir::default_dir, Ok)?;
+    let bytes = |f: &Found| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 };
+    let total: u64 = found.iter().zip(copies).filter(|(_, copy)| **copy).map(|(f, _)| bytes(f)).sum();
+    let mut before = 0;
+    for ((found, source), _) in found.iter_mut().zip(sources).zip(copies).filter(|(_, copy)| **copy) {
+        let own = bytes(found);
+        let report = |rows: u64, of: u64| {
+            progress(before + (own as f64 * rows as f64 / of.max(1) as f64) as u64, total);
+        };
+        let place = |e| match e {
+            Error::Resource(_) => e,
+            e => Error::at(&source.at, format!("image {e}")),
+        };
+        let copy = cache_dir::converted(&dir, &source.path, source.encoding, &report).map_err(place)?;
+        before += own;
+        let file = TiledFile::open(&copy.path, source.encoding, files)?;
+        *found = Found::Tiled(file.ok_or_else(|| {
+            let path = copy.path.display();
+            Error::Resource(format!("{path}: not the tiled copy that was made; delete it and try again"))
+        })?);
+    }
     Ok(found)
 }
 
-/// Whether the last channel says anything: like pbrt, an image that is opaque throughout has none.
-fn translucent(data: &ImageData) -> bool {
-    fn any<T: Sync>(v: &[T], n: usize, below: impl Fn(&T) -> bool + Sync) -> bool {
-        v.par_chunks_exact(n).any(|p| below(&p[n - 1]))
-    }
-    let n = data.channels as usize;
-    data.has_alpha()
-        && match &data.pixels {
-            Pixels::U8(v) => any(v, n, |&a| a < 255),
-            Pixels::U16(v) => any(v, n, |&a| a < u16::MAX),
-            Pixels::F16(v) => any(v, n, |a| a.to_f32() != 1.0),
-            Pixels::F32(v) => any(v, n, |&a| a != 1.0),
-        }
-}
-
-/// Widens one pixel to RGBA; `opaque` is the format's one.
-#[inline(always)]
-fn rgba<T: Copy>(pixel: &[T], opaque: T) -> [T; 4] {
-    match *pixel {
-        [v] => [v, v, v, opaque],
-        [v, a] => [v, v, v, a],
-        [r, g, b] => [r, g, b, opaque],
-        [r, g, b, a, ..] => [r, g, b, a],
-        [] => [opaque; 4],
-    }
-}
-
-fn finite(v: f32) -> f32 {
-    const LARGEST_HALF: f32 = 65504.0;
-    if v.is_finite() {
-        v
-    } else if v.is_nan() {
-        0.0
-    } else {
-        LARGEST_HALF.copysign(v)
-    }
-}
-
-fn finite_half(v: f32) -> u16 {
-    f16::from_f32(finite(v).clamp(-65504.0, 65504.0)).to_bits()
-}
-
 fn store(data: ImageData, encoding: Encoding, mip_levels: bool) -> std::io::Result<Stored> {
-    let has_alpha = translucent(&data);
+    let facts = Facts::of(&data.pixels, data.channels);
     let ImageData { width, height, channels, pixels } = data;
-    let n = channels as usize;
-    // An opaque alpha beside grey is not worth three more numbers.
-    let grey = n == 1 || (n == 2 && !has_alpha);
-    let base = Base { width, height, n, has_alpha, mip_levels };
-    match pixels {
-        Pixels::U8(v) => {
-            let table = encoding::table8(encoding);
-            let e = Encoder::new(encoding);
-            if grey {
-                return base.build(Kind::Grey8, table, v, |p| p[0], |c| e.encode(c.x));
-            }
-            let alpha = |a: f32| (a * 255.0 + 0.5) as u8;
-            let encode = |c: Vec4| [e.encode(c.x), e.encode(c.y), e.encode(c.z), alpha(c.w)];
-            base.build(Kind::Rgba8, table, v, |p| rgba(p, 255), encode)
-        }
-        Pixels::U16(v) => {
-            let t = encoding::table16(encoding);
-            let color = |x: u16| f16::from_f32(t[x as usize]).to_bits();
-            if grey {
-                return base.build(Kind::GreyHalf, no_table(), v, |p| color(p[0]), half_grey);
-            }
-            let convert = |p: &[u16]| {
-                let [r, g, b, a] = rgba(p, u16::MAX);
-                [color(r), color(g), color(b), f16::from_f32(f32::from(a) / 65535.0).to_bits()]
-            };
-            base.build(Kind::RgbaHalf, no_table(), v, convert, half_rgba)
-        }
-        Pixels::F16(v) => {
-            let clean = |x: f16| if x.is_finite() { x.to_bits() } else { finite_half(x.to_f32()) };
-            if grey {
-                return base.build(Kind::GreyHalf, no_table(), v, |p| clean(p[0]), half_grey);
-            }
-            base.build(Kind::RgbaHalf, no_table(), v, |p| rgba(p, f16::ONE).map(clean), half_rgba)
-        }
-        Pixels::F32(v) => {
-            // Radiance HDR and many EXR files carry no more than a half holds.
-            let exact = v.par_iter().all(|&x| !x.is_finite() || f16::from_f32(x).to_f32() == x);
-            match (exact, grey) {
-                (true, true) => base.build(Kind::GreyHalf, no_table(), v, |p| finite_half(p[0]), half_grey),
-                (true, false) => {
-                    base.build(Kind::RgbaHalf, no_table(), v, |p| rgba(p, 1.0).map(finite_half), half_rgba)
-                }
-                (false, true) => base.build(Kind::GreyFloat, no_table(), v, |p| finite(p[0]), |c| c.x),
-                (false, false) => {
-                    base.build(Kind::RgbaFloat, no_table(), v, |p| rgba(p, 1.0).map(finite), |c| c.to_array())
-                }
-            }
-        }
-    }
+    let rules = Rules { channels, depth: pixels.depth(), facts, encoding, linear_halves: false };
+    rules.build(InMemory { width, height, mip_levels, pixels })
 }
 
-/// Float kinds have their values as they are.
-fn no_table() -> Box<[f32; 256]> {
-    Box::new([0.0; 256])
-}
-
-fn half_grey(c: Vec4) -> u16 {
-    finite_half(c.x)
-}
-
-fn half_rgba(c: Vec4) -> [u16; 4] {
-    c.to_array().map(finite_half)
-}
-
-struct Base {
+/// Builds all levels in memory.
+struct InMemory {
     width: u32,
     height: u32,
-    n: usize,
-    has_alpha: bool,
     mip_levels: bool,
+    pixels: Pixels,
 }
 
-impl Base {
-    fn build<S: Copy + Sync, T: Texel>(
+impl Build for InMemory {
+    type Out = std::io::Result<Stored>;
+
+    fn build<S: Sample, T: Texel>(
         self,
         kind: Kind,
+        rules: &Rules,
         table: Box<[f32; 256]>,
-        pixels: Vec<S>,
         convert: impl Fn(&[S]) -> T + Sync,
         encode: impl Fn(Vec4) -> T + Sync,
-    ) -> std::io::Result<Stored> {
+    ) -> Self::Out {
         let mut sizes = pyramid::sizes(self.width, self.height);
         if !self.mip_levels {
             sizes.truncate(1);
         }
         let (mut memory, levels) = Memory::new::<T>(&sizes)?;
-        let row = self.width as usize * self.n;
+        let n = rules.channels as usize;
+        let row = self.width as usize * n;
+        let pixels = S::of(&self.pixels);
         levels[0].fill_rows(&mut memory, |y, out: &mut Vec<T>| {
-            out.extend(pixels[y as usize * row..][..row].chunks_exact(self.n).map(&convert));
+            out.extend(pixels[y as usize * row..][..row].chunks_exact(n).map(&convert));
         });
         // The decoder's buffer goes before the levels come.
-        drop(pixels);
+        drop(self.pixels);
         pyramid::build::<T>(&mut memory, &levels, &table, encode);
-        Ok(Stored { kind, has_alpha: self.has_alpha, table, levels, memory })
+        Ok(Stored { kind, has_alpha: rules.facts.translucent, table, levels, memory })
+    }
+}
+
+/// A level as it is kept: width, height, and the bytes of its texels, rows from the top.
+#[cfg(test)]
+pub(super) type KeptLevel = (u32, u32, Vec<u8>);
+
+#[cfg(test)]
+impl TextureStore {
+    /// Bytes a texel, whether alpha counts, and all levels of image `id`.
+    pub(super) fn kept(&self, id: ImageId) -> Option<(usize, bool, Vec<KeptLevel>)> {
+        fn levels<T: Texel>(image: &Stored) -> Vec<KeptLevel> {
+            let level = |level: &Level| {
+                let texels = level.texels::<T>(&image.memory);
+                let places = (0..level.height).flat_map(|y| (0..level.width).map(move |x| (x, y)));
+                let bytes =
+                    places.flat_map(|(x, y)| bytemuck::bytes_of(&texels[level.index::<T>(x, y)]).to_vec());
+                (level.width, level.height, bytes.collect())
+            };
+            image.levels.iter().map(level).collect()
+        }
+        let Some(Some(Image::Whole(image))) = self.images.get(id.index()) else { return None };
+        let (bytes, levels) = match image.kind {
+            Kind::Rgba8 => (4, levels::<Rgba8>(image)),
+            Kind::Grey8 => (1, levels::<Grey8>(image)),
+            Kind::RgbaHalf => (8, levels::<RgbaHalf>(image)),
+            Kind::GreyHalf => (2, levels::<GreyHalf>(image)),
+            Kind::RgbaFloat => (16, levels::<RgbaFloat>(image)),
+            Kind::GreyFloat => (4, levels::<GreyFloat>(image)),
+        };
+        Some((bytes, image.has_alpha, levels))
     }
 }
 

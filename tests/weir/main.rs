@@ -23,3 +23,4 @@ mod corpora;
 mod cli;
 mod embree_abi;
 mod order;
+mod texture_files;

@@ -1,6 +1,7 @@
 use super::*;
 use crate::error::Location;
 use crate::scene::{TextureFilter, Wrap};
+use crate::texture::encoding;
 
 const ID: ImageId = ImageId(0);
 

@@ -6,7 +6,7 @@ use super::make::{self, Tiff};
 use super::written;
 use crate::scene::Encoding;
 use exr::compression::Compression as Exr;
-use exr::prelude::RoundingMode;
+use exr::math::RoundingMode;
 use std::path::Path;
 use std::sync::Arc;
 

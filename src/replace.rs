@@ -18,22 +18,30 @@ static NEXT: AtomicU64 = AtomicU64::new(0);
 /// # Errors
 /// [`Error::Io`] with `path`; the old file is then untouched.
 pub fn replace_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
+    try_replace_file(path, write).map_err(|e| Error::io(path, e))
+}
+
+/// [`replace_file`] for a `write` that has a result, and reasons of its own to fail.
+///
+/// # Errors
+/// Those of `write`, and the system's as `E`; the old file is then untouched.
+pub fn try_replace_file<T, E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
+) -> std::result::Result<T, E> {
     let target = resolve(path);
-    let inner = || -> io::Result<()> {
-        let (file, partial) = Partial::create(&target)?;
-        let mut writer = BufWriter::new(file);
-        write(&mut writer)?;
-        let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
-        if let Ok(old) = fs::metadata(&target) {
-            file.set_permissions(old.permissions())?;
-        }
-        file.sync_all()?;
-        partial.rename(&target)?;
-        // The rename itself reaches the disk with its directory; not every file system can sync one.
-        let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
-        Ok(())
-    };
-    inner().map_err(|e| Error::io(path, e))
+    let (file, partial) = Partial::create(&target)?;
+    let mut writer = BufWriter::new(file);
+    let written = write(&mut writer)?;
+    let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
+    if let Ok(old) = fs::metadata(&target) {
+        file.set_permissions(old.permissions())?;
+    }
+    file.sync_all()?;
+    partial.rename(&target)?;
+    // The rename itself reaches the disk with its directory; not every file system can sync one.
+    let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
+    Ok(written)
 }
 
 /// Whether [`replace_file`] could write `path` now: to learn it before an hour of work and not after.
