@@ -54,6 +54,16 @@ pub struct SurfacePoint {
     pub uv_rate: f32,
 }
 
+impl SurfacePoint {
+    /// The same, field by field: what a call returned through memory otherwise keeps the commoner points
+    /// it is joined with in memory too.
+    #[inline(always)]
+    fn apart(self) -> Self {
+        let Self { p, error, ng, ns, uv, dpdu, uv_rate } = self;
+        Self { p, error, ng, ns, uv, dpdu, uv_rate }
+    }
+}
+
 /// Moves a ray's origin off its surface along the normal, to the side of `direction`, by the bound
 /// on the errors of the point and of the traversal's plane test (pbrt 4th ed. §6.8.6).
 #[inline(always)]
@@ -80,9 +90,9 @@ impl Surfaces<'_> {
         let flat = &self.flat[surface];
         let point = match flat.mesh {
             Some(mesh) => triangle_point(flat, mesh, hit),
-            None => self.uncommon_point(surface, hit, &ray()),
+            None => self.uncommon_point(surface, hit, &ray()).apart(),
         };
-        if hit.instance == NONE { point } else { self.place(point, hit.instance) }
+        if hit.instance == NONE { point } else { self.place(point, hit.instance).apart() }
     }
 
     /// Index of the surface that was hit.

@@ -2,7 +2,7 @@
 //! so do eight paths' directions. Invariant: what a path gets does not depend on its company.
 
 use super::path::Path;
-use super::sampler::SetPair;
+use super::sampler::{Octet, SetPair};
 use crate::math::warp::cosine_hemisphere;
 use glam::{Vec2, Vec3};
 
@@ -13,6 +13,7 @@ pub(super) const LANES: usize = 8;
 pub(super) struct Draws {
     sets: SetPair,
     set: u32,
+    octet: Octet,
     /// By path.
     numbers: [[f32; 8]; LANES],
     /// Cosine-weighted directions of each path's first two numbers, by coordinate.
@@ -24,24 +25,28 @@ impl Draws {
     #[inline(always)]
     pub(super) fn new(depth: u32) -> Self {
         let set = 1 + 2 * depth;
-        Self { sets: SetPair::new(0, set), set, numbers: [[0.0; 8]; LANES], cosine: [[0.0; LANES]; 3] }
+        Self {
+            sets: SetPair::new(0, set),
+            set,
+            octet: Octet::EMPTY,
+            numbers: [[0.0; 8]; LANES],
+            cosine: [[0.0; LANES]; 3],
+        }
     }
 
     /// Draws for `paths`, at most eight.
     #[inline(always)]
     pub(super) fn draw(&mut self, paths: &[Path]) {
-        let mut square = [[0.5; LANES]; 2];
-        for (lane, (path, numbers)) in paths.iter().zip(&mut self.numbers).enumerate() {
+        for (lane, path) in paths.iter().enumerate().take(LANES) {
             // The paths of a pixel follow each other.
             if path.key != self.sets.key() {
                 self.sets = SetPair::new(path.key, self.set);
             }
-            *numbers = self.sets.sample(path.sample);
-            square[0][lane] = numbers[0];
-            square[1][lane] = numbers[1];
+            self.octet.set(lane, path.sample, &self.sets);
         }
+        self.octet.sample(paths.len(), &mut self.numbers);
         for lane in 0..LANES {
-            let w = cosine_hemisphere(Vec2::new(square[0][lane], square[1][lane]));
+            let w = cosine_hemisphere(Vec2::new(self.numbers[lane][0], self.numbers[lane][1]));
             self.cosine[0][lane] = w.x;
             self.cosine[1][lane] = w.y;
             self.cosine[2][lane] = w.z;

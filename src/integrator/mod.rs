@@ -10,3 +10,4 @@ pub mod materials;
 mod media;
 pub mod path;
 pub mod sampler;
+mod shade;

@@ -1,25 +1,23 @@
-//! One step of a path: hits become radiance, shadow rays and next rays. A path is a plain record
-//! that can be put down and taken up; steps run over slices of them, so that a scheduler may
-//! decide which paths come together. Never waits for I/O, and does not know who called it.
+//! Runs paths to their end, one edge of all at a time: finds what they meet, has it shaded (`shade.rs`)
+//! and connects light samples. A path is a plain record that can be put down and taken up; steps run
+//! over slices of them, so that a scheduler may decide which paths come together. Never waits for I/O,
+//! and does not know who called it.
 //!
-//! Next-event estimation and multiple importance sampling with the power heuristic (Veach 1997);
-//! pbrt-v4's depth and roulette rules (4th ed., §13.4).
+//! Depth counts scattering events, as in pbrt-v4 (4th ed., §13.4).
 
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::geometry::{Needs, SurfacePoint, Surfaces, offset_origin};
-use crate::integrator::bsdf::Scatter;
+use crate::geometry::{Needs, Surfaces};
 use crate::integrator::camera::Camera;
-use crate::integrator::draws::{Draws, LANES};
-use crate::integrator::lights::{Emitter, Lights, NO_LIGHT, power_heuristic};
-use crate::integrator::materials::{Materials, Scattering};
-use crate::integrator::media::{cross, medium_index};
-use crate::math::Frame;
+use crate::integrator::lights::Lights;
+use crate::integrator::materials::Materials;
+use crate::integrator::media::medium_index;
+use crate::integrator::sampler::Set;
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
 use crate::stats::Counters;
-use crate::texture::TextureCoordinates;
-use glam::{Vec2, Vec3, Vec3A};
+use glam::{Vec2, Vec3};
+use std::ops::Range;
 
 /// What shading needs to know of a surface; 32 bytes, two a cache line.
 #[derive(Clone, Copy, Debug)]
@@ -114,9 +112,9 @@ pub struct Wave {
     /// Paths alive.
     pub paths: Vec<Path>,
     /// What each path's ray met; those beyond the paths alive mean nothing.
-    hits: Vec<Hit>,
+    pub(super) hits: Vec<Hit>,
     /// Shadow rays of one step.
-    shadows: Vec<Shadow>,
+    pub(super) shadows: Vec<Shadow>,
     /// Radiance by slot.
     pub radiance: Vec<Rgb>,
 }
@@ -131,27 +129,69 @@ fn has_avx2() -> bool {
 /// Path edges between two looks at whether to stop: some tens of milliseconds for a wave.
 const STOP_EVERY: u32 = 64;
 
-/// How far ahead of shading memory is asked for: indices first, then what they name.
-const PREFETCH_INDICES: usize = 12;
-const PREFETCH_VERTICES: usize = 6;
-
 impl<'a, A: Accel> World<'a, A> {
-    /// A camera path for the raster position `raster` (pixels).
+    /// Adds camera paths to `wave`: samples `samples` of the pixel with centre `centre` and key `key`.
+    /// `filter` draws a sample's place around the centre and its weight, which goes to `weights`.
+    pub fn start(
+        &self,
+        wave: &mut Wave,
+        weights: &mut Vec<f32>,
+        pixel: (Vec2, u32),
+        samples: Range<u32>,
+        filter: impl Fn(Vec2) -> (Vec2, f32),
+    ) {
+        #[cfg(target_arch = "x86_64")]
+        if has_avx2() {
+            // SAFETY: the processor has been found to have every feature it is compiled for.
+            return unsafe { self.start_avx2(wave, weights, pixel, samples, filter) };
+        }
+        self.start_here(wave, weights, pixel, samples, filter);
+    }
+
+    /// [`Self::start_here`] as [`Self::run_avx2`] is [`Self::run_here`].
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    fn start_avx2(
+        &self,
+        wave: &mut Wave,
+        weights: &mut Vec<f32>,
+        pixel: (Vec2, u32),
+        samples: Range<u32>,
+        filter: impl Fn(Vec2) -> (Vec2, f32),
+    ) {
+        self.start_here(wave, weights, pixel, samples, filter);
+    }
+
     #[inline(always)]
-    #[must_use]
-    pub fn camera_path(&self, raster: Vec2, lens: Vec2, key: u32, sample: u32, slot: u32) -> Path {
-        let ray = self.camera.ray(raster, lens).ray;
-        Path {
-            origin: ray.origin,
-            direction: ray.direction,
-            beta: Rgb::ONE,
-            pdf: 0.0,
-            eta_scale: 1.0,
-            travelled: 0.0,
-            key,
-            sample: sample.reverse_bits(),
-            slot,
-            medium: medium_index(self.camera_medium),
+    fn start_here(
+        &self,
+        wave: &mut Wave,
+        weights: &mut Vec<f32>,
+        (centre, key): (Vec2, u32),
+        samples: Range<u32>,
+        filter: impl Fn(Vec2) -> (Vec2, f32),
+    ) {
+        let set = Set::new(key, 0);
+        let medium = medium_index(self.camera_medium);
+        for sample in samples {
+            let sample = sample.reverse_bits();
+            let u = set.sample(sample);
+            let (offset, weight) = filter(Vec2::new(u[0], u[1]));
+            weights.push(weight);
+            let ray = self.camera.ray(centre + offset, Vec2::new(u[2], u[3])).ray;
+            let slot = wave.paths.len() as u32;
+            wave.paths.push(Path {
+                origin: ray.origin,
+                direction: ray.direction,
+                beta: Rgb::ONE,
+                pdf: 0.0,
+                eta_scale: 1.0,
+                travelled: 0.0,
+                key,
+                sample,
+                slot,
+                medium,
+            });
         }
     }
 
@@ -215,217 +255,6 @@ impl<'a, A: Accel> World<'a, A> {
         }
     }
 
-    /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
-    #[inline(always)]
-    fn shade(&self, wave: &mut Wave, depth: u32) {
-        let Wave { paths, hits, shadows, radiance } = wave;
-        let hits = &hits[..paths.len()];
-        shadows.clear();
-        let mut draws = Draws::new(depth);
-        let mut kept = 0;
-        for start in (0..hits.len()).step_by(LANES) {
-            let group = start..(start + LANES).min(hits.len());
-            if depth < self.max_depth {
-                draws.draw(&paths[group.clone()]);
-            }
-            for i in group {
-                if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
-                    self.geometry.prefetch_indices(hit);
-                }
-                if let Some(hit) = hits.get(i + PREFETCH_VERTICES) {
-                    self.geometry.prefetch_vertices(hit);
-                }
-                let (path, draw) = (&paths[i], (draws.numbers(i - start), draws.cosine(i - start)));
-                let radiance = &mut radiance[path.slot as usize];
-                if let Some(next) = self.shade_one(path, &hits[i], depth, draw, radiance, shadows) {
-                    paths[kept] = next;
-                    kept += 1;
-                }
-            }
-        }
-        paths.truncate(kept);
-    }
-
-    /// Radiance from where no surface is.
-    #[inline(always)]
-    fn add_background(&self, path: &Path, radiance: &mut Rgb) {
-        // A medium without end absorbs what comes from infinitely far.
-        let beta = path.beta * self.transmittance(path.medium, f32::INFINITY);
-        *radiance += beta * self.lights.background(path.direction, path.pdf);
-    }
-
-    /// Emission of a surface towards the path of weight `beta`, weighted against light sampling.
-    #[inline(always)]
-    fn add_emission(
-        &self,
-        path: &Path,
-        beta: Rgb,
-        hit: &Hit,
-        point: &SurfacePoint,
-        emitter: &Emitter,
-        radiance: &mut Rgb,
-    ) {
-        let cos = -path.direction.dot(point.ng.into());
-        if cos <= 0.0 && !emitter.two_sided {
-            return;
-        }
-        let light = emitter.light_of(hit.primitive);
-        if light == NO_LIGHT {
-            return;
-        }
-        let mut weight = 1.0;
-        if path.pdf > 0.0 {
-            let distance = path.travelled + hit.t;
-            let at = Vec2::new(hit.u, hit.v);
-            let pdf = self.lights.pdf_area(path.reference(), light, point, at, distance, cos.abs());
-            weight = power_heuristic(path.pdf, pdf);
-        }
-        *radiance += beta * self.lights.emitted(emitter, light, point.uv) * weight;
-    }
-
-    /// The path behind what `path` met; `None` where it ends.
-    #[inline(always)]
-    fn shade_one(
-        &self,
-        path: &Path,
-        hit: &Hit,
-        depth: u32,
-        draw: (&[f32; 8], Vec3),
-        radiance: &mut Rgb,
-        shadows: &mut Vec<Shadow>,
-    ) -> Option<Path> {
-        if hit.geometry == NONE {
-            self.add_background(path, radiance);
-            return None;
-        }
-        let surface = self.geometry.surface_of(hit);
-        let shading = &self.shading[surface];
-        let point = &self.geometry.surface_point(hit, surface, || Ray::new(path.origin, path.direction));
-        let mut beta = path.beta;
-        if path.medium != NONE {
-            beta *= self.transmittance(path.medium, hit.t);
-        }
-        if shading.emitter != NONE {
-            let emitter = &self.lights.emitters[shading.emitter as usize];
-            self.add_emission(path, beta, hit, point, emitter, radiance);
-        }
-        if depth >= self.max_depth {
-            return None;
-        }
-        let at = || self.coordinates(point, shading.needs);
-        match self.materials.scattering(shading.material, at, || path.choice_key()) {
-            Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, draw, shadows),
-            Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, draw, shadows),
-            // An interface that `trace` did not pass, because it emits.
-            Scattering::Passes => {
-                let direction = path.direction.into();
-                Some(Path {
-                    beta,
-                    travelled: path.travelled + hit.t,
-                    origin: offset_origin(point.p, point.error, point.ng, direction).into(),
-                    medium: cross(shading.medium, point.ng, direction, path.medium),
-                    ..*path
-                })
-            }
-        }
-    }
-
-    /// Light sampling and the next direction at a surface that scatters. Compiled for each kind of
-    /// scattering function that it is called with.
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "the parts of one vertex; a record of them costs copies")]
-    fn scatter(
-        &self,
-        bsdf: &impl Scatter,
-        path: &Path,
-        mut beta: Rgb,
-        shading: &SurfaceShading,
-        point: &SurfacePoint,
-        depth: u32,
-        (u, cosine): (&[f32; 8], Vec3),
-        shadows: &mut Vec<Shadow>,
-    ) -> Option<Path> {
-        let frame = if shading.needs.has(Needs::TANGENT) {
-            Frame::from_z_x(point.ns.into(), point.dpdu)
-        } else {
-            Frame::from_z(point.ns.into())
-        };
-        let wo = frame.to_local(-path.direction);
-
-        if self.samples_lights
-            && !bsdf.is_delta()
-            && let Some(light) = self.lights.sample(point.p, [u[4], u[5], u[6], u[7]])
-        {
-            let wi = frame.to_local(light.wi.into());
-            let (f, pdf) = bsdf.eval(wo, wi);
-            if f != Rgb::ZERO {
-                let plain = light.delta || self.estimator == Estimator::Lights;
-                let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
-                shadows.push(Shadow {
-                    ray: light.ray_from(point.p, point.error, point.ng),
-                    contribution: beta * f * light.radiance * (weight / light.pdf),
-                    slot: path.slot,
-                    medium: cross(shading.medium, point.ng, light.wi, path.medium),
-                });
-            }
-        }
-
-        let s = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1]), cosine)?;
-        beta *= s.weight;
-        let mut eta_scale = path.eta_scale;
-        if s.transmission {
-            eta_scale *= s.eta * s.eta;
-        }
-        // Russian roulette from the second scattering event on, as pbrt-v4 does.
-        let weight = beta.max_element() * eta_scale;
-        if weight < self.rr_threshold && depth >= 1 {
-            let q = (1.0 - weight).max(0.0);
-            if u[3] < q {
-                return None;
-            }
-            beta /= 1.0 - q;
-        }
-        if beta == Rgb::ZERO {
-            return None;
-        }
-        let direction = frame.to_world(s.wi);
-        let wide = Vec3A::from(direction);
-        Some(Path {
-            origin: offset_origin(point.p, point.error, point.ng, wide).into(),
-            direction,
-            beta,
-            pdf: match self.estimator {
-                Estimator::Scattering => 0.0,
-                _ if s.delta => 0.0,
-                Estimator::Both => s.pdf,
-                // So improbable beside light sampling that the heuristic gives it no weight.
-                Estimator::Lights => f32::MIN_POSITIVE,
-            },
-            eta_scale,
-            travelled: 0.0,
-            medium: cross(shading.medium, point.ng, wide, path.medium),
-            ..*path
-        })
-    }
-
-    /// Where the textures of a surface are asked for.
-    #[inline(always)]
-    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
-        TextureCoordinates {
-            uv: point.uv,
-            p: point.p.into(),
-            n: point.ns.into(),
-            width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
-        }
-    }
-
-    /// Width in texture units of a pixel as the camera would see it at `point` (pbrt-v4's
-    /// approximation for every bounce, 4th ed. §10.1.3).
-    #[inline]
-    fn footprint(&self, point: &SurfacePoint) -> f32 {
-        self.camera.pixel_width_at(point.p.into(), point.ng.into()) * point.uv_rate * self.footprint_scale
-    }
-
     /// Adds the light samples that nothing occludes.
     #[inline(always)]
     fn connect(&self, wave: &mut Wave, counters: &mut Counters) {
@@ -487,7 +316,7 @@ impl Path {
 
     /// The last scattering event, from which light sampling would have started.
     #[inline(always)]
-    fn reference(&self) -> Vec3 {
+    pub(super) fn reference(&self) -> Vec3 {
         self.origin - self.direction * self.travelled
     }
 }

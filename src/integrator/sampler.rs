@@ -112,17 +112,23 @@ fn seed(key: u32, set: u32) -> u32 {
     mix(key.wrapping_add(set.wrapping_mul(0x9e37_79b9)))
 }
 
-/// The unscrambled numbers of a sample of the set with seed `seed`, bits reversed. The sample index
-/// is shuffled: an Owen scramble moves an aligned block of 2^k indices onto another one.
+/// A sample's index in its set, bits reversed. An Owen scramble moves an aligned block of 2^k indices
+/// onto another one.
 #[inline(always)]
-fn sobol(reversed: u32, seed: u32) -> [u32; 4] {
-    let shuffled = scramble(reversed, seed);
+fn shuffle(reversed: u32, seed: u32) -> u32 {
+    scramble(reversed, seed)
+}
+
+/// The unscrambled numbers, bits reversed, of sample `reversed` of a set, which is shuffled to
+/// `shuffled`.
+#[inline(always)]
+fn sobol(reversed: u32, shuffled: u32, seed: u32) -> [u32; 4] {
     let (a, b) = (&SOBOL[0][(shuffled >> 24) as usize], &SOBOL[1][(shuffled >> 16 & 0xff) as usize]);
     let mut x = [a[0] ^ b[0], a[1] ^ b[1], a[2] ^ b[2], a[3] ^ b[3]];
     // Taking the upper half relative to index 0's keeps the first 65536 in the first block, whose
     // images need two table rows instead of four.
     if reversed & 0xffff != 0 {
-        let upper = shuffled ^ scramble(0, seed);
+        let upper = shuffled ^ shuffle(0, seed);
         let (a, b) = (SOBOL[2][(upper >> 8 & 0xff) as usize], SOBOL[3][(upper & 0xff) as usize]);
         for d in 0..4 {
             x[d] ^= a[d] ^ b[d];
@@ -138,8 +144,41 @@ fn finish(x: u32, seed: u32) -> f32 {
     (scramble(x, seed).reverse_bits() >> 8) as i32 as f32 * (1.0 / (1 << 24) as f32)
 }
 
-/// Two sets of one pixel, those of a path vertex: what all samples of the pixel share. Samples are
-/// named by their index with its bits reversed, since that is what the scramble works on.
+/// A set of one pixel: what all its samples share. Samples are named by their index with its bits
+/// reversed, since that is what the scramble works on.
+#[derive(Clone, Copy, Debug)]
+pub struct Set {
+    seed: u32,
+    lanes: [u32; 4],
+}
+
+impl Set {
+    /// Set `set` of the pixel with `key`.
+    #[inline(always)]
+    #[must_use]
+    pub fn new(key: u32, set: u32) -> Self {
+        let seed = seed(key, set);
+        let mut lanes = LANES;
+        for l in &mut lanes {
+            *l = mix(seed ^ *l);
+        }
+        Self { seed, lanes }
+    }
+
+    /// The four numbers of a sample.
+    #[inline(always)]
+    #[must_use]
+    pub fn sample(&self, reversed: u32) -> [f32; 4] {
+        let x = sobol(reversed, shuffle(reversed, self.seed), self.seed);
+        let mut out = [0.0; 4];
+        for d in 0..4 {
+            out[d] = finish(x[d], self.lanes[d]);
+        }
+        out
+    }
+}
+
+/// As [`Set`], two sets at once: those of a path vertex.
 #[derive(Clone, Copy, Debug)]
 pub struct SetPair {
     key: u32,
@@ -170,27 +209,55 @@ impl SetPair {
     pub fn key(&self) -> u32 {
         self.key
     }
+}
 
-    /// The numbers of both sets in turn, those of two calls of [`sample4`].
+/// Numbers of eight samples at once, each of a pixel of its own: both sets of each, in turn.
+pub struct Octet {
+    reversed: [u32; 8],
+    seeds: [[u32; 8]; 2],
+    lanes: [[u32; 8]; 8],
+}
+
+impl Octet {
+    /// Of nobody yet.
+    pub const EMPTY: Self = Self { reversed: [0; 8], seeds: [[0; 8]; 2], lanes: [[0; 8]; 8] };
+
+    /// Sample `i` is sample `reversed` of `sets`.
     #[inline(always)]
-    #[must_use]
-    pub fn sample(&self, reversed: u32) -> [f32; 8] {
-        let x = [sobol(reversed, self.seeds[0]), sobol(reversed, self.seeds[1])];
-        let mut out = [0.0; 8];
-        for lane in 0..8 {
-            out[lane] = finish(x[lane / 4][lane % 4], self.lanes[lane]);
+    pub fn set(&mut self, i: usize, reversed: u32, sets: &SetPair) {
+        self.reversed[i] = reversed;
+        self.seeds[0][i] = sets.seeds[0];
+        self.seeds[1][i] = sets.seeds[1];
+        self.lanes[i] = sets.lanes;
+    }
+
+    /// The numbers of the first `count`, those of two calls of [`Set::sample`].
+    #[inline(always)]
+    pub fn sample(&self, count: usize, numbers: &mut [[f32; 8]; 8]) {
+        let mut shuffled = [[0; 8]; 2];
+        for (shuffled, seeds) in shuffled.iter_mut().zip(&self.seeds) {
+            for i in 0..8 {
+                shuffled[i] = shuffle(self.reversed[i], seeds[i]);
+            }
         }
-        out
+        for (i, numbers) in numbers.iter_mut().enumerate().take(count) {
+            let [a, b, c, d] = sobol(self.reversed[i], shuffled[0][i], self.seeds[0][i]);
+            let [e, f, g, h] = sobol(self.reversed[i], shuffled[1][i], self.seeds[1][i]);
+            let x = [a, b, c, d, e, f, g, h];
+            let lanes = self.lanes[i];
+            let mut out = [0.0; 8];
+            for lane in 0..8 {
+                out[lane] = finish(x[lane], lanes[lane]);
+            }
+            *numbers = out;
+        }
     }
 }
 
 /// The four numbers in [0, 1) of sample `index` of a pixel in dimension set `set`.
-#[inline(always)]
-#[must_use]
-pub fn sample4(key: u32, index: u32, set: u32) -> [f32; 4] {
-    let h = seed(key, set);
-    let x = sobol(index.reverse_bits(), h);
-    std::array::from_fn(|d| finish(x[d], mix(h ^ LANES[d])))
+#[cfg(test)]
+fn sample4(key: u32, index: u32, set: u32) -> [f32; 4] {
+    Set::new(key, set).sample(index.reverse_bits())
 }
 
 #[cfg(test)]
@@ -198,12 +265,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_sets_at_once_are_the_two_sets() {
-        for index in [0, 1, 77, 65_535, 65_536, 1 << 20] {
+    fn two_sets_of_eight_at_once_are_the_sets() {
+        let mut octet = Octet::EMPTY;
+        let indices = [0, 1, 77, 65_535, 65_536, 1 << 20, u32::MAX, 4];
+        for (i, index) in indices.into_iter().enumerate() {
+            octet.set(i, index.reverse_bits(), &SetPair::new(pixel_key(index, 3, 4), 5));
+        }
+        let mut numbers = [[-1.0; 8]; 8];
+        octet.sample(7, &mut numbers);
+        for (index, numbers) in indices.into_iter().zip(numbers).take(7) {
             let key = pixel_key(index, 3, 4);
             let both = [sample4(key, index, 5), sample4(key, index, 6)].concat();
-            assert_eq!(SetPair::new(key, 5).sample(index.reverse_bits()).as_slice(), both);
+            assert_eq!(numbers.as_slice(), both);
         }
+        assert_eq!(numbers[7], [-1.0; 8]);
     }
 
     #[test]

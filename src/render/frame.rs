@@ -16,7 +16,7 @@ use crate::integrator::lights::Lights;
 use crate::integrator::lights_build::load_environments;
 use crate::integrator::materials::{MaterialTables, Materials};
 use crate::integrator::path::{SurfaceShading, Wave, World};
-use crate::integrator::sampler::{pixel_key, sample4};
+use crate::integrator::sampler::pixel_key;
 use crate::prepare;
 use crate::scene::{Film, SceneDescription, TextureId};
 use crate::settings::{Estimator, RenderSettings};
@@ -354,19 +354,8 @@ impl<A: Accel> Job<'_, A> {
             for x in x0..x1 {
                 let key = pixel_key(x, y, self.seed);
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-                for sample in samples.clone() {
-                    let u = sample4(key, sample, 0);
-                    let (offset, weight) = self.filter.sample(Vec2::new(u[0], u[1]));
-                    let slot = scratch.weights.len() as u32;
-                    wave.paths.push(self.world.camera_path(
-                        centre + offset,
-                        Vec2::new(u[2], u[3]),
-                        key,
-                        sample,
-                        slot,
-                    ));
-                    scratch.weights.push(weight);
-                }
+                let filter = |u: Vec2| self.filter.sample(u);
+                self.world.start(wave, &mut scratch.weights, (centre, key), samples.clone(), filter);
             }
         }
         if !self.world.run(wave, counters, &|| self.should_stop()) {

@@ -1,0 +1,236 @@
+//! Hits become radiance, shadow rays and next rays: emission that a path found itself, light sampling and
+//! the next direction. Traces nothing; `path.rs` does.
+//!
+//! Next-event estimation and multiple importance sampling with the power heuristic (Veach 1997);
+//! pbrt-v4's roulette rules (4th ed., §13.4).
+
+use super::bsdf::Scatter;
+use super::draws::{Draws, LANES};
+use super::lights::{Emitter, NO_LIGHT, power_heuristic};
+use super::materials::Scattering;
+use super::media::cross;
+use super::path::{Path, Shadow, SurfaceShading, Wave, World};
+use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::color::Rgb;
+use crate::geometry::{Needs, SurfacePoint, offset_origin};
+use crate::math::Frame;
+use crate::settings::Estimator;
+use crate::texture::TextureCoordinates;
+use glam::{Vec2, Vec3, Vec3A};
+
+/// How far ahead of shading memory is asked for: indices first, then what they name.
+const PREFETCH_INDICES: usize = 12;
+const PREFETCH_VERTICES: usize = 6;
+
+impl<A: Accel> World<'_, A> {
+    /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
+    #[inline(always)]
+    pub(super) fn shade(&self, wave: &mut Wave, depth: u32) {
+        let Wave { paths, hits, shadows, radiance } = wave;
+        let hits = &hits[..paths.len()];
+        shadows.clear();
+        let mut draws = Draws::new(depth);
+        let mut kept = 0;
+        for start in (0..hits.len()).step_by(LANES) {
+            let group = start..(start + LANES).min(hits.len());
+            if depth < self.max_depth {
+                draws.draw(&paths[group.clone()]);
+            }
+            for i in group {
+                if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
+                    self.geometry.prefetch_indices(hit);
+                }
+                if let Some(hit) = hits.get(i + PREFETCH_VERTICES) {
+                    self.geometry.prefetch_vertices(hit);
+                }
+                let (path, draw) = (&paths[i], (draws.numbers(i - start), draws.cosine(i - start)));
+                let radiance = &mut radiance[path.slot as usize];
+                if let Some(next) = self.shade_one(path, &hits[i], depth, draw, radiance, shadows) {
+                    paths[kept] = next;
+                    kept += 1;
+                }
+            }
+        }
+        paths.truncate(kept);
+    }
+
+    /// Radiance from where no surface is.
+    #[inline(always)]
+    pub(super) fn add_background(&self, path: &Path, radiance: &mut Rgb) {
+        // A medium without end absorbs what comes from infinitely far.
+        let beta = path.beta * self.transmittance(path.medium, f32::INFINITY);
+        *radiance += beta * self.lights.background(path.direction, path.pdf);
+    }
+
+    /// Emission of a surface towards the path of weight `beta`, weighted against light sampling.
+    #[inline(always)]
+    fn add_emission(
+        &self,
+        path: &Path,
+        beta: Rgb,
+        hit: &Hit,
+        point: &SurfacePoint,
+        emitter: &Emitter,
+        radiance: &mut Rgb,
+    ) {
+        let cos = -path.direction.dot(point.ng.into());
+        if cos <= 0.0 && !emitter.two_sided {
+            return;
+        }
+        let light = emitter.light_of(hit.primitive);
+        if light == NO_LIGHT {
+            return;
+        }
+        let mut weight = 1.0;
+        if path.pdf > 0.0 {
+            let distance = path.travelled + hit.t;
+            let at = Vec2::new(hit.u, hit.v);
+            let pdf = self.lights.pdf_area(path.reference(), light, point, at, distance, cos.abs());
+            weight = power_heuristic(path.pdf, pdf);
+        }
+        *radiance += beta * self.lights.emitted(emitter, light, point.uv) * weight;
+    }
+
+    /// The path behind what `path` met; `None` where it ends.
+    #[inline(always)]
+    fn shade_one(
+        &self,
+        path: &Path,
+        hit: &Hit,
+        depth: u32,
+        draw: (&[f32; 8], Vec3),
+        radiance: &mut Rgb,
+        shadows: &mut Vec<Shadow>,
+    ) -> Option<Path> {
+        if hit.geometry == NONE {
+            self.add_background(path, radiance);
+            return None;
+        }
+        let surface = self.geometry.surface_of(hit);
+        let shading = &self.shading[surface];
+        let point = &self.geometry.surface_point(hit, surface, || Ray::new(path.origin, path.direction));
+        let mut beta = path.beta;
+        if path.medium != NONE {
+            beta *= self.transmittance(path.medium, hit.t);
+        }
+        if shading.emitter != NONE {
+            let emitter = &self.lights.emitters[shading.emitter as usize];
+            self.add_emission(path, beta, hit, point, emitter, radiance);
+        }
+        if depth >= self.max_depth {
+            return None;
+        }
+        let at = || self.coordinates(point, shading.needs);
+        match self.materials.scattering(shading.material, at, || path.choice_key()) {
+            Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, draw, shadows),
+            Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, draw, shadows),
+            // An interface that `trace` did not pass, because it emits.
+            Scattering::Passes => {
+                let direction = path.direction.into();
+                Some(Path {
+                    beta,
+                    travelled: path.travelled + hit.t,
+                    origin: offset_origin(point.p, point.error, point.ng, direction).into(),
+                    medium: cross(shading.medium, point.ng, direction, path.medium),
+                    ..*path
+                })
+            }
+        }
+    }
+
+    /// Light sampling and the next direction at a surface that scatters. Compiled for each kind of
+    /// scattering function that it is called with.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "the parts of one vertex; a record of them costs copies")]
+    fn scatter(
+        &self,
+        bsdf: &impl Scatter,
+        path: &Path,
+        mut beta: Rgb,
+        shading: &SurfaceShading,
+        point: &SurfacePoint,
+        depth: u32,
+        (u, cosine): (&[f32; 8], Vec3),
+        shadows: &mut Vec<Shadow>,
+    ) -> Option<Path> {
+        let frame = if shading.needs.has(Needs::TANGENT) {
+            Frame::from_z_x(point.ns.into(), point.dpdu)
+        } else {
+            Frame::from_z(point.ns.into())
+        };
+        let wo = frame.to_local(-path.direction);
+
+        if self.samples_lights
+            && !bsdf.is_delta()
+            && let Some(light) = self.lights.sample(point.p, [u[4], u[5], u[6], u[7]])
+        {
+            let wi = frame.to_local(light.wi.into());
+            let (f, pdf) = bsdf.eval(wo, wi);
+            if f != Rgb::ZERO {
+                let plain = light.delta || self.estimator == Estimator::Lights;
+                let weight = if plain { 1.0 } else { power_heuristic(light.pdf, pdf) };
+                shadows.push(Shadow {
+                    ray: light.ray_from(point.p, point.error, point.ng),
+                    contribution: beta * f * light.radiance * (weight / light.pdf),
+                    slot: path.slot,
+                    medium: cross(shading.medium, point.ng, light.wi, path.medium),
+                });
+            }
+        }
+
+        let s = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1]), cosine)?;
+        beta *= s.weight;
+        let mut eta_scale = path.eta_scale;
+        if s.transmission {
+            eta_scale *= s.eta * s.eta;
+        }
+        // Russian roulette from the second scattering event on, as pbrt-v4 does.
+        let weight = beta.max_element() * eta_scale;
+        if weight < self.rr_threshold && depth >= 1 {
+            let q = (1.0 - weight).max(0.0);
+            if u[3] < q {
+                return None;
+            }
+            beta /= 1.0 - q;
+        }
+        if beta == Rgb::ZERO {
+            return None;
+        }
+        let direction = frame.to_world(s.wi);
+        let wide = Vec3A::from(direction);
+        Some(Path {
+            origin: offset_origin(point.p, point.error, point.ng, wide).into(),
+            direction,
+            beta,
+            pdf: match self.estimator {
+                Estimator::Scattering => 0.0,
+                _ if s.delta => 0.0,
+                Estimator::Both => s.pdf,
+                // So improbable beside light sampling that the heuristic gives it no weight.
+                Estimator::Lights => f32::MIN_POSITIVE,
+            },
+            eta_scale,
+            travelled: 0.0,
+            medium: cross(shading.medium, point.ng, wide, path.medium),
+            ..*path
+        })
+    }
+
+    /// Where the textures of a surface are asked for.
+    #[inline(always)]
+    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
+        TextureCoordinates {
+            uv: point.uv,
+            p: point.p.into(),
+            n: point.ns.into(),
+            width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
+        }
+    }
+
+    /// Width in texture units of a pixel as the camera would see it at `point` (pbrt-v4's
+    /// approximation for every bounce, 4th ed. §10.1.3).
+    #[inline]
+    fn footprint(&self, point: &SurfacePoint) -> f32 {
+        self.camera.pixel_width_at(point.p.into(), point.ng.into()) * point.uv_rate * self.footprint_scale
+    }
+}
