@@ -1,8 +1,9 @@
 //! Small texture files with texels that are known by level, place and channel.
 
+use exr::math::RoundingMode;
 use exr::prelude::{
     AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, Layer, LayerAttributes, Levels, LineOrder,
-    RoundingMode, Vec2, WritableImage,
+    Vec2, WritableImage,
 };
 use half::f16;
 use std::io::{Cursor, Write};

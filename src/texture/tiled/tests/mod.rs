@@ -7,7 +7,7 @@ mod pool;
 use super::{Caching, Component, FilePool, TileScratch, TiledFile};
 use crate::scene::Encoding;
 use exr::compression::Compression as Exr;
-use exr::prelude::RoundingMode;
+use exr::math::RoundingMode;
 use half::f16;
 use make::{Tiff, bits, chain, exr_value, known};
 use std::path::{Path, PathBuf};

@@ -69,7 +69,7 @@ fn a_file_that_changes_is_an_error_that_says_so() {
         let message = read(&file).expect_err("after");
         assert!(message.contains(word), "{message}");
         assert!(message.starts_with(&path.display().to_string()), "{message}");
-        assert!(message.contains("the tile at column 0, row 1 of level 1"), "{message}");
+        assert!(message.contains("the tile at column 1, row 0 of level 1"), "{message}");
         assert!(!message.contains('\n'));
     };
     let append = |path: &std::path::Path| {
