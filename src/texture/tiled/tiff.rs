@@ -180,6 +180,8 @@ fn open_tiff(window: &mut Window, encoding: Encoding) -> Result<Option<Layout>> 
     Ok(Some(Layout { shape, encoding, offsets, sizes, codec: super::Codec::Tiff(codec) }))
 }
 
+/// Offsets and sizes of all tiles.
+type Index = (Box<[u64]>, Box<[u32]>);
 type Chain = Vec<((u32, u32), Directory)>;
 
 /// The levels' directories; `None` when they are no levels, or of a form that is not read here.
@@ -217,7 +219,7 @@ fn chain(r: &mut Reader) -> Result<Option<(Form, Chain)>> {
 }
 
 /// Where each tile's bytes begin, and how many they are; 0 for a tile that is not in the file.
-fn index(r: &mut Reader, chain: &Chain, shape: &Shape, codec: &Codec) -> Result<(Box<[u64]>, Box<[u32]>)> {
+fn index(r: &mut Reader, chain: &Chain, shape: &Shape, codec: &Codec) -> Result<Index> {
     let file_bytes = r.window.file_bytes();
     let stored = codec.stored_bytes(shape);
     let mut offsets = Vec::new();
