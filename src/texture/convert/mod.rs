@@ -1,5 +1,5 @@
 //! Any image that Weir reads into a tiled, mip-mapped one, row by row: the image is never in memory
-//! as a whole where its format can be decoded in parts (see [`source`]).
+//! as a whole where its format can be decoded in parts (`source` says which).
 //!
 //! Invariant: texels are those of [`TextureStore`](super::TextureStore), bit for bit and at every
 //! level, for TIFF; EXR has no 8-bit kind and takes 8-bit images as linear halves. The bytes written
