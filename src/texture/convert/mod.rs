@@ -142,7 +142,7 @@ impl TileRow<'_> {
         self.texels.len() / (self.width as usize * self.stride)
     }
 
-    /// The first `keep` bytes of each texel of tile `x`, row by row, without padding: `f` sees each row's texels.
+    /// The texels of tile `x`, row by row, without padding.
     fn rows(&self, x: u32) -> impl Iterator<Item = &[u8]> {
         let first = (x * TILE) as usize * self.stride;
         let last = (x * TILE + TILE).min(self.width) as usize * self.stride;
