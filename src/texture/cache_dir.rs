@@ -103,7 +103,11 @@ pub fn converted(
     };
     let pool = pool()?;
     let work = || -> std::result::Result<Converted, Failure> {
-        lock.lock()?;
+        match lock.lock() {
+            // Without locks two may make the same file; whoever is last replaces it whole by its like.
+            Err(e) if e.kind() == io::ErrorKind::Unsupported => {}
+            locked => locked?,
+        }
         // Whoever had the lock before may have made it.
         let existing = look(&path, &hash, encoding);
         if existing == Look::Whole {

@@ -1,5 +1,5 @@
 //! Any image that Weir reads into a tiled, mip-mapped one, row by row: the image is never in memory
-//! as a whole where its format can be decoded in parts (see [`source`]).
+//! as a whole where its format can be decoded in parts (`source` says which).
 //!
 //! Invariant: texels are those of [`TextureStore`](super::TextureStore), bit for bit and at every
 //! level, for TIFF; EXR has no 8-bit kind and takes 8-bit images as linear halves. The bytes written
@@ -142,7 +142,7 @@ impl TileRow<'_> {
         self.texels.len() / (self.width as usize * self.stride)
     }
 
-    /// The first `keep` bytes of each texel of tile `x`, row by row, without padding: `f` sees each row's texels.
+    /// The texels of tile `x`, row by row, without padding.
     fn rows(&self, x: u32) -> impl Iterator<Item = &[u8]> {
         let first = (x * TILE) as usize * self.stride;
         let last = (x * TILE + TILE).min(self.width) as usize * self.stride;

@@ -100,7 +100,7 @@ impl<'a, W: Write + Seek> TiffSink<'a, W> {
             directories.clear();
             for (l, (&size, tiles)) in sizes.iter().zip(&levels).enumerate() {
                 let last = l + 1 == sizes.len();
-                let entries = entries(&self.layout, l, size, tiles, self.big, end);
+                let entries = entries(&self.layout, l, size, tiles, end);
                 append_directory(&mut directories, first, &entries, self.big, last);
             }
             end = first + directories.len() as u64;
@@ -184,7 +184,6 @@ fn entries(
     level: usize,
     (width, height): (u32, u32),
     tiles: &Tiles,
-    big: bool,
     file_bytes: u64,
 ) -> Vec<(u16, Values)> {
     let n = layout.channels as usize;
@@ -220,7 +219,7 @@ fn entries(
     // Pixar's, which OpenImageIO reads and writes.
     list.push((33302, Values::Text("Plain Texture".to_owned())));
     list.push((33303, Values::Text(format!("{wrap},{wrap}"))));
-    debug_assert!(list.is_sorted_by_key(|e| e.0), "TIFF wants its tags sorted; big {big}");
+    debug_assert!(list.is_sorted_by_key(|e| e.0), "TIFF wants its tags sorted");
     list
 }
 
