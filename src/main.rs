@@ -3,7 +3,7 @@
 
 mod cli;
 
-use cli::{Command, diff, info, render, report};
+use cli::{Command, diff, generate, info, render, report};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -13,6 +13,7 @@ fn main() -> ExitCode {
         Command::Diff(options) => diff::run(&options),
         Command::Info(options) => info::run(&options),
         Command::Report(options) => report::run(&options),
+        Command::Generate(options) => generate::run(&options),
         Command::Help(text) => cli::print(&text),
     });
     cli::exit_code(result)

@@ -18,6 +18,26 @@ static NEXT: AtomicU64 = AtomicU64::new(0);
 /// # Errors
 /// [`Error::Io`] with `path`; the old file is then untouched.
 pub fn replace_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<()> {
+    replace(path, true, write)
+}
+
+/// As [`replace_file`], whole under its name for every reader, but on the disk only when the operating
+/// system gets to it: for files by the thousand that can be made again.
+///
+/// # Errors
+/// As [`replace_file`].
+pub fn replace_file_unsynced(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<()> {
+    replace(path, false, write)
+}
+
+fn replace(
+    path: &Path,
+    synced: bool,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<()> {
     let target = resolve(path);
     let inner = || -> io::Result<()> {
         let (file, partial) = Partial::create(&target)?;
@@ -27,8 +47,13 @@ pub fn replace_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io:
         if let Ok(old) = fs::metadata(&target) {
             file.set_permissions(old.permissions())?;
         }
-        file.sync_all()?;
+        if synced {
+            file.sync_all()?;
+        }
         partial.rename(&target)?;
+        if !synced {
+            return Ok(());
+        }
         // The rename itself reaches the disk with its directory; not every file system can sync one.
         let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
         Ok(())
