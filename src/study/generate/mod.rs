@@ -4,12 +4,18 @@
 //! depends on its index alone; see [`noise`]); memory is a few rows or bands a thread, never a mesh
 //! or an image; `scene.pbrt` comes last, so a broken run has none. Never renders.
 
+mod building;
+mod city;
+mod city_text;
 mod directory;
+mod facade;
 mod ground;
 mod image_out;
 mod mesh_out;
 mod noise;
+mod plant;
 mod sky;
+mod street;
 mod terrain;
 
 pub use image_out::TextureFormat;
@@ -140,7 +146,8 @@ pub fn generate(recipe: &Recipe, progress: Progress<'_>) -> Result<Written> {
     image_out::check_format(recipe.format)?;
     let plan = match recipe.kind {
         Kind::Terrain => terrain::plan(recipe)?,
-        Kind::City | Kind::Forest => {
+        Kind::City => city::plan(recipe)?,
+        Kind::Forest => {
             return Err(Error::Usage(format!("{} is not there yet; terrain is", recipe.kind)));
         }
     };

@@ -124,8 +124,8 @@ impl Land for Mountains {
         add_row(self.seed ^ 0x86, 1.0 / 240.0, row.xs, at, 1.0, &mut strata);
         for (i, texel) in out.chunks_exact_mut(3).enumerate() {
             let (h, up, b, f) = (row.height[i], row.up[i], broad[i], fine[i]);
-            let layer = (h * 0.045 + 2.2 * strata[i] + 0.5 * b).fract().abs();
-            let rock = blend([112.0, 103.0, 95.0], [151.0, 138.0, 121.0], smoothstep(0.2, 0.8, layer));
+            let layer = ((h * 0.021 + 4.0 * strata[i] + 1.3 * b).fract().abs() * 2.0 - 1.0).abs();
+            let rock = blend([118.0, 109.0, 101.0], [142.0, 130.0, 116.0], smoothstep(0.2, 0.8, layer));
             let grass =
                 blend([96.0, 98.0, 45.0], [134.0, 118.0, 62.0], (0.5 + 0.8 * b + 0.25 * f).clamp(0.0, 1.0));
             // Meadow by slope and height, woods as a darker green, snow above, sand at the water.
@@ -226,7 +226,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
     jobs.push(Job::new(format!("{}/lake.ply", directory::MESHES), lake_work, move |path| {
         write_lake(seed, lake, path)
     }));
-    let sky = Sky::new(0.44, 0.30, [3.3, 2.45, 1.6], 0.45);
+    let sky = Sky::new(0.60, 0.34, [3.5, 2.6, 1.75], 0.5);
     jobs.push(sky.job(recipe));
     let triangles = ground.triangles() + 2 * u64::from(lake) * u64::from(lake);
     let eye = eye(&land);
