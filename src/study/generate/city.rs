@@ -100,7 +100,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
             city.tiles[i].write_texture(size, path, format)
         }));
     }
-    let sky = Sky::new(0.44, 0.36, [3.6, 2.6, 1.62], 0.55);
+    let sky = Sky::new(0.915, 0.40, [5.4, 3.9, 2.4], 0.6);
     jobs.push(sky.job(recipe));
     let glazed: Vec<bool> = cells.iter().map(Option::is_some).collect();
     Ok(Plan {
@@ -149,7 +149,7 @@ fn layout(recipe: &Recipe) -> City {
             lots(seed, h, block, centre, ys[rows as usize], &mut buildings);
         }
     }
-    let eye = [2.5, -62.0, 17.0];
+    let eye = [-30.0, -32.0, 54.0];
     let distance = |b: &Building| {
         let [x0, y0, x1, y1] = b.tiers[0].area;
         let (dx, dy) = (0.5 * (x0 + x1) - eye[0], 0.5 * (y0 + y1) - eye[1]);

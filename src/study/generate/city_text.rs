@@ -189,8 +189,8 @@ pub(super) fn write(
     out: &mut dyn Write,
 ) -> io::Result<()> {
     let [x, y, z] = city.eye;
-    writeln!(out, "LookAt {x} {y} {z}  {} {} {}  0 0 1", x + 2.0, y + 100.0, z + 1.5)?;
-    writeln!(out, "Camera \"perspective\" \"float fov\" 46\nWorldBegin")?;
+    writeln!(out, "LookAt {x} {y} {z}  {} {} {}  0 0 1", x + 38.0, y + 100.0, z - 18.0)?;
+    writeln!(out, "Camera \"perspective\" \"float fov\" 44\nWorldBegin")?;
     sky.write_text(out)?;
     let (meshes, textures, suffix) = (directory::MESHES, directory::TEXTURES, format.extension());
     writeln!(out, "{}", diffuse([0.16, 0.17, 0.10]))?;

@@ -9,6 +9,8 @@ mod city;
 mod city_text;
 mod directory;
 mod facade;
+mod forest;
+mod forest_land;
 mod ground;
 mod image_out;
 mod mesh_out;
@@ -147,9 +149,7 @@ pub fn generate(recipe: &Recipe, progress: Progress<'_>) -> Result<Written> {
     let plan = match recipe.kind {
         Kind::Terrain => terrain::plan(recipe)?,
         Kind::City => city::plan(recipe)?,
-        Kind::Forest => {
-            return Err(Error::Usage(format!("{} is not there yet; terrain is", recipe.kind)));
-        }
+        Kind::Forest => forest::plan(recipe)?,
     };
     directory::prepare(recipe)?;
     let total = plan.jobs.iter().map(|j| j.work).sum::<u64>();

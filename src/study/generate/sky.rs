@@ -80,7 +80,11 @@ impl Sky {
     pub(super) fn write_text(&self, out: &mut dyn Write) -> io::Result<()> {
         let [x, y, z] = self.sun;
         let [r, g, b] = self.irradiance;
-        writeln!(out, "LightSource \"infinite\" \"string filename\" \"{}/sky.pfm\"", directory::TEXTURES)?;
+        writeln!(
+            out,
+            "LightSource \"infinite\" \"string filename\" \"{}/sky.pfm\" \"float scale\" 1.2",
+            directory::TEXTURES
+        )?;
         writeln!(
             out,
             "LightSource \"distant\" \"rgb L\" [ {r} {g} {b} ] \"point3 from\" [ {x} {y} {z} ] \

@@ -87,7 +87,9 @@ impl Land for Mountains {
         let q = self.shore(x, y);
         let bed = if q < 1.0 { -34.0 * (1.0 - q * q) } else { 30.0 * (q - 1.0) };
         let rise = smoothstep(1.05, 3.4, q) + 0.35 * smoothstep(3.0, 7.0, q);
-        let mut h = bed + 620.0 * rise * self.ridges(x, y, finest);
+        // Low behind the camera and beside it, where the sun comes from.
+        let rise = rise * (0.14 + 0.86 * smoothstep(100.0, 2000.0, y as f32));
+        let mut h = bed + 650.0 * rise * self.ridges(x, y, finest);
         let (dx, dy) = ((x - 20.0) / 190.0, (y + 70.0) / 230.0);
         let near = (1.0 - dx * dx - dy * dy).max(0.0) as f32;
         // The knoll replaces whatever is there.
@@ -102,7 +104,7 @@ impl Land for Mountains {
                 tall = tall.max(self.stone(salt, x, y, size));
             }
             stone = smoothstep(0.0, 0.05, tall);
-            h += tall + 0.035 * fbm(self.seed ^ 0x62, x / 0.5, y / 0.5, 3);
+            h += tall + 0.11 * fbm(self.seed ^ 0x62, x / 0.8, y / 0.8, 5);
         }
         let woods = self.woods(x, y, h, q);
         if woods > 0.0 && finest < 12.0 {
@@ -226,7 +228,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
     jobs.push(Job::new(format!("{}/lake.ply", directory::MESHES), lake_work, move |path| {
         write_lake(seed, lake, path)
     }));
-    let sky = Sky::new(0.60, 0.34, [3.5, 2.6, 1.75], 0.5);
+    let sky = Sky::new(0.60, 0.34, [4.4, 3.25, 2.15], 0.5);
     jobs.push(sky.job(recipe));
     let triangles = ground.triangles() + 2 * u64::from(lake) * u64::from(lake);
     let eye = eye(&land);
