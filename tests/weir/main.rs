@@ -22,4 +22,5 @@ mod corpora;
 
 mod cli;
 mod embree_abi;
+mod generate;
 mod order;

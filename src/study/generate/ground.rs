@@ -138,18 +138,27 @@ impl Ground {
             .map(|i| u_of((i * COARSE) as f64))
             .map(|u| (self.x.at(u), self.x.stretch(u) / whole))
             .collect();
-        let line = |row: usize| -> Vec<[f32; 3]> {
+        let edges: Vec<f32> = nodes.iter().map(|&(x, _)| x as f32).collect();
+        // Slopes come from the neighbours: along the line, and from the line before.
+        let line = |row: usize, before: Option<&[[f32; 3]]>| -> Vec<[f32; 3]> {
             let v = v_of(row as f64);
             let (y, dy) = (self.y.at(v), self.y.stretch(v) / whole);
-            let at = |(x, dx): (f64, f64)| {
-                let finest = (COARSE as f64 * (dx * dy).sqrt()) as f32;
-                let d = COARSE as f64 * 0.5;
-                let [h, stone] = land.height(x, y, finest);
-                let sx = (land.height(x + d * dx, y, finest)[0] - h) / (d * dx) as f32;
-                let sy = (land.height(x, y + d * dy, finest)[0] - h) / (d * dy) as f32;
-                [h, normalized([-sx, -sy, 1.0])[2], stone]
-            };
-            nodes.iter().map(|&node| at(node)).collect()
+            let above =
+                row.checked_sub(COARSE).map_or(y + COARSE as f64 * dy, |row| self.y.at(v_of(row as f64)));
+            let mut nodes: Vec<[f32; 3]> = nodes
+                .iter()
+                .map(|&(x, dx)| {
+                    let [h, stone] = land.height(x, y, (COARSE as f64 * (dx * dy).sqrt()) as f32);
+                    [h, 1.0, stone]
+                })
+                .collect();
+            for i in 0..nodes.len() {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(nodes.len() - 1));
+                let sx = (nodes[b][0] - nodes[a][0]) / (edges[b] - edges[a]);
+                let sy = before.map_or(0.0, |line| (line[i][0] - nodes[i][0]) / (above - y) as f32);
+                nodes[i][1] = normalized([-sx, -sy, 1.0])[2];
+            }
+            nodes
         };
         let (mut upper, mut lower, mut band) = (Vec::new(), Vec::new(), usize::MAX);
         let mut fields = [vec![0.0f32; n], vec![0.0f32; n], vec![0.0f32; n]];
@@ -157,8 +166,8 @@ impl Ground {
             let j = j as usize;
             if j / COARSE != band {
                 band = j / COARSE;
-                upper = if lower.is_empty() { line(band * COARSE) } else { std::mem::take(&mut lower) };
-                lower = line((band + 1) * COARSE);
+                upper = if lower.is_empty() { line(band * COARSE, None) } else { std::mem::take(&mut lower) };
+                lower = line((band + 1) * COARSE, Some(&upper));
             }
             let t = ((j % COARSE) as f32 + 0.5) / COARSE as f32;
             for (k, field) in fields.iter_mut().enumerate() {

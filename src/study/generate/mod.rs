@@ -19,6 +19,7 @@ mod plant;
 mod sky;
 mod street;
 mod terrain;
+mod walls;
 
 pub use image_out::TextureFormat;
 

@@ -17,13 +17,15 @@ pub(super) struct Sky {
     pub(super) irradiance: [f32; 3],
     /// Share of the sky that clouds take, 0 to 1.
     pub(super) cloud: f32,
+    /// Factor of the sky's radiance.
+    pub(super) scale: f32,
 }
 
 impl Sky {
     /// From the sun's azimuth in turns from +x towards +y, and its height (rise over run).
     pub(super) fn new(azimuth: f64, rise: f32, irradiance: [f32; 3], cloud: f32) -> Self {
         let [c, s] = turn(azimuth);
-        Self { sun: normalized([c, s, rise]), irradiance, cloud }
+        Self { sun: normalized([c, s, rise]), irradiance, cloud, scale: 1.2 }
     }
 
     fn radiance(&self, seed: u32, d: [f32; 3]) -> [f32; 3] {
@@ -82,8 +84,9 @@ impl Sky {
         let [r, g, b] = self.irradiance;
         writeln!(
             out,
-            "LightSource \"infinite\" \"string filename\" \"{}/sky.pfm\" \"float scale\" 1.2",
-            directory::TEXTURES
+            "LightSource \"infinite\" \"string filename\" \"{}/sky.pfm\" \"float scale\" {}",
+            directory::TEXTURES,
+            self.scale
         )?;
         writeln!(
             out,

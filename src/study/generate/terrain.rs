@@ -100,11 +100,11 @@ impl Land for Mountains {
         let away = (x * x + y * y) as f32;
         if away < 400.0 * 400.0 && q > 1.0 && finest < 1.5 {
             let mut tall = 0.0f32;
-            for (salt, size) in [(0x71, 5.2), (0x72, 1.7), (0x73, 0.55)] {
+            for (salt, size) in [(0x71, 6.3), (0x72, 2.1), (0x73, 0.9), (0x74, 0.42)] {
                 tall = tall.max(self.stone(salt, x, y, size));
             }
             stone = smoothstep(0.0, 0.05, tall);
-            h += tall + 0.11 * fbm(self.seed ^ 0x62, x / 0.8, y / 0.8, 5);
+            h += tall + 0.16 * fbm(self.seed ^ 0x62, x / 0.9, y / 0.9, 6);
         }
         let woods = self.woods(x, y, h, q);
         if woods > 0.0 && finest < 12.0 {
@@ -129,7 +129,7 @@ impl Land for Mountains {
             let layer = ((h * 0.021 + 4.0 * strata[i] + 1.3 * b).fract().abs() * 2.0 - 1.0).abs();
             let rock = blend([118.0, 109.0, 101.0], [142.0, 130.0, 116.0], smoothstep(0.2, 0.8, layer));
             let grass =
-                blend([96.0, 98.0, 45.0], [134.0, 118.0, 62.0], (0.5 + 0.8 * b + 0.25 * f).clamp(0.0, 1.0));
+                blend([76.0, 84.0, 36.0], [158.0, 136.0, 76.0], (0.42 + 0.7 * b + 0.75 * f).clamp(0.0, 1.0));
             // Meadow by slope and height, woods as a darker green, snow above, sand at the water.
             let meadow = smoothstep(0.66, 0.84, up + 0.10 * b) * smoothstep(520.0, 260.0, h + 140.0 * b);
             let mut c = blend(rock, grass, meadow * (1.0 - row.stone[i]));
@@ -143,7 +143,7 @@ impl Land for Mountains {
                 * smoothstep(0.50, 0.72, up + 0.08 * b + 0.05 * f);
             c = blend(c, [236.0, 240.0, 247.0], snow);
             c = blend([120.0, 112.0, 96.0], c, smoothstep(0.6, 2.2, h + 0.8 * f));
-            let grain = 1.0 + (0.22 - 0.16 * snow) * f;
+            let grain = 1.0 + (0.34 - 0.28 * snow) * f;
             (0..3).for_each(|k| texel[k] = byte((c[k] * grain).clamp(0.0, 255.0)));
         }
     }
@@ -261,7 +261,7 @@ fn write_text(
     sky: &Sky,
     eye: f32,
 ) -> io::Result<()> {
-    writeln!(out, "LookAt 0 0 {eye}  0 100 {}  0 0 1", eye - 3.0)?;
+    writeln!(out, "LookAt 0 0 {eye}  0 100 {}  0 0 1", eye + 4.0)?;
     writeln!(out, "Camera \"perspective\" \"float fov\" 42\nWorldBegin")?;
     sky.write_text(out)?;
     let (meshes, textures, suffix) = (directory::MESHES, directory::TEXTURES, format.extension());
