@@ -82,7 +82,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
         80 * u64::from(nu) * u64::from(nv),
         move |path| write_mesh(path, true, |mesh| city_text::plain(nu, nv, mesh)),
     ));
-    let (facades, streets) = texels(&city, recipe.texture_bytes);
+    let [facades, streets] = texels(&city, recipe.texture_bytes);
     let mut bytes = 0;
     for (i, &size) in facades.iter().enumerate() {
         bytes += texture_bytes(size);
@@ -100,7 +100,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
             city.tiles[i].write_texture(size, path, format)
         }));
     }
-    let sky = Sky::new(0.915, 0.40, [5.4, 3.9, 2.4], 0.6);
+    let sky = Sky::new(0.915, 0.40, [5.6, 4.3, 3.0], 0.6);
     jobs.push(sky.job(recipe));
     let glazed: Vec<bool> = cells.iter().map(Option::is_some).collect();
     Ok(Plan {
@@ -115,7 +115,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
 /// Streets, lots, buildings and what stands in the street.
 fn layout(recipe: &Recipe) -> City {
     let seed = recipe.hash_seed();
-    let wanted = (recipe.triangles / 60)
+    let wanted = (recipe.triangles / 200)
         .min(recipe.texture_bytes / 6000)
         .min((recipe.triangles / 1200).clamp(24, 1000))
         .max(recipe.triangles / 200_000)
@@ -143,7 +143,7 @@ fn layout(recipe: &Recipe) -> City {
         let area = [xs[i], ys[j], xs[i + 1], ys[j + 1]];
         let block = [area[0] + half(i), area[1] + STREET, area[2] - half(i + 1), area[3] - STREET];
         let h = hash(seed ^ 0x31, i as i32, j as i32);
-        let park = blocks > 12 && h % 19 == 0;
+        let park = blocks > 12 && h.is_multiple_of(19);
         tiles.push(Tile { seed: h, area, block, park });
         if !park {
             lots(seed, h, block, centre, ys[rows as usize], &mut buildings);
@@ -239,7 +239,7 @@ fn finest(most: u64, count_of: impl Fn(f32) -> u64) -> f32 {
 }
 
 /// Sizes of façades' and streets' textures: texels a metre fall off with distance from the camera.
-fn texels(city: &City, bytes: u64) -> (Vec<(u32, u32)>, Vec<(u32, u32)>) {
+fn texels(city: &City, bytes: u64) -> [Vec<(u32, u32)>; 2] {
     let near = |x: f32, y: f32| {
         let (dx, dy) = (x - city.eye[0], y - city.eye[1]);
         f64::from((90.0 / (dx * dx + dy * dy).sqrt().max(1.0)).clamp(0.14, 1.0))
@@ -260,12 +260,9 @@ fn texels(city: &City, bytes: u64) -> (Vec<(u32, u32)>, Vec<(u32, u32)>) {
         };
         let facades: Vec<_> = city.buildings.iter().map(facade).collect();
         let streets: Vec<_> = city.tiles.iter().map(street).collect();
-        (facades, streets)
+        [facades, streets]
     };
-    let total = |density: f64| {
-        let (a, b) = sizes(density);
-        a.into_iter().chain(b).map(texture_bytes).sum::<u64>()
-    };
+    let total = |density: f64| sizes(density).into_iter().flatten().map(texture_bytes).sum::<u64>();
     let (mut low, mut high) = (0.001f64, 50_000.0f64);
     for _ in 0..60 {
         let middle = (low * high).sqrt();

@@ -56,9 +56,9 @@ impl Plant {
         match self.growth {
             Growth::Tree(Species::Spruce) => ([78.0, 104.0, 62.0], [116.0, 138.0, 76.0]),
             Growth::Tree(Species::Oak) => ([132.0, 142.0, 60.0], [200.0, 160.0, 72.0]),
-            Growth::Tree(Species::Birch) => ([206.0, 186.0, 86.0], [224.0, 206.0, 116.0]),
+            Growth::Tree(Species::Birch) => ([190.0, 160.0, 64.0], [212.0, 186.0, 92.0]),
             Growth::Tree(Species::Bush) => ([108.0, 132.0, 62.0], [178.0, 124.0, 64.0]),
-            _ => ([108.0, 124.0, 58.0], [176.0, 164.0, 96.0]),
+            _ => ([88.0, 108.0, 46.0], [156.0, 146.0, 80.0]),
         }
     }
 }
@@ -117,7 +117,7 @@ pub(super) fn plan(recipe: &Recipe) -> Result<Plan> {
         jobs.push(Job::new(name, work, move |path| ground.write_texture(&*land, (a, b), path, format)));
     }
     // Brighter than open country: little of it comes through the trees.
-    let sky = Sky { scale: 2.0, ..Sky::new(0.12, 0.62, [13.0, 9.8, 6.4], 0.45) };
+    let sky = Sky { scale: 1.4, ..Sky::new(0.12, 0.52, [8.0, 5.9, 3.8], 0.45) };
     jobs.push(sky.job(recipe));
     triangles += ground.triangles();
     let eye = floor.level(0.0, 0.0) + 1.55;
@@ -233,8 +233,8 @@ fn place(floor: &Floor, plants: &mut [Plant]) {
             }
         };
     scatter(4.4, [-130.0, 130.0], [-50.0, 300.0], &mut |r, x, y, off| {
-        let clear = 3.6 + 5.0 * crowd(seed ^ 0x61, x, y, 15.0);
-        if off < clear || x * x + y * y < 36.0 || r.unit() > 0.12 + 0.62 * crowd(seed ^ 0x62, x, y, 24.0) {
+        let clear = 3.3 + 2.6 * crowd(seed ^ 0x61, x, y, 15.0);
+        if off < clear || x * x + y * y < 36.0 || r.unit() > 0.24 + 0.66 * crowd(seed ^ 0x62, x, y, 24.0) {
             return;
         }
         // Birches want light: at the path, and in groves.

@@ -82,8 +82,8 @@ impl Land for Floor {
                 let warm = unit(h.rotate_left(9));
                 c = blend([128.0, 88.0, 44.0], [158.0, 118.0, 50.0], warm);
             }
-            c = blend(c, [132.0, 112.0, 88.0], path * 0.9);
-            c = blend(c, [142.0, 136.0, 128.0], row.stone[i]);
+            c = blend(c, [114.0, 96.0, 76.0], path * 0.9);
+            c = blend(c, [124.0, 118.0, 110.0], row.stone[i]);
             let tone = 1.0 + 0.16 * b + 0.34 * f;
             (0..3).for_each(|k| texel[k] = byte((c[k] * tone).clamp(0.0, 255.0)));
         }

@@ -102,13 +102,16 @@ pub struct Written {
     pub disk_bytes: u64,
 }
 
+/// Writes one file at a path.
+type WriteFile = Box<dyn Fn(&Path) -> Result<()> + Send + Sync>;
+
 /// One file.
 struct Job {
     /// Below the directory.
     name: String,
     /// About what it costs: bytes of a mesh, decoded bytes of a texture.
     work: u64,
-    write: Box<dyn Fn(&Path) -> Result<()> + Send + Sync>,
+    write: WriteFile,
 }
 
 impl Job {

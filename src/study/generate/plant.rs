@@ -73,9 +73,9 @@ impl Tree {
         let mut tips = 0u64;
         self.grow(&mut |piece| tips += u64::from(matches!(piece, Piece::Tip(..))));
         let (area, slim) = match self.species {
-            Species::Spruce => (0.50 * self.height * self.height, 0.20),
+            Species::Spruce => (1.15 * self.height * self.height, 0.30),
             Species::Oak => (0.85 * self.height * self.height, 0.7),
-            Species::Birch => (0.42 * self.height * self.height, 0.75),
+            Species::Birch => (0.55 * self.height * self.height, 0.75),
             Species::Bush => (3.2 * self.height * self.height, 0.6),
         };
         // A diamond's area is half of length times width.
