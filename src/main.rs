@@ -3,7 +3,7 @@
 
 mod cli;
 
-use cli::{Command, diff, info, render, report, texture};
+use cli::{Command, diff, generate, info, render, report, texture};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -14,6 +14,7 @@ fn main() -> ExitCode {
         Command::Info(options) => info::run(&options),
         Command::Report(options) => report::run(&options),
         Command::Texture(options) => texture::run(&options),
+        Command::Generate(options) => generate::run(&options),
         Command::Help(text) => cli::print(&text),
     });
     cli::exit_code(result)

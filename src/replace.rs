@@ -29,6 +29,26 @@ pub fn try_replace_file<T, E: From<io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
 ) -> std::result::Result<T, E> {
+    replace(path, true, write)
+}
+
+/// As [`replace_file`], whole under its name for every reader, but on the disk only when the operating
+/// system gets to it: for files by the thousand that can be made again.
+///
+/// # Errors
+/// As [`replace_file`].
+pub fn replace_file_unsynced(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<()> {
+    replace(path, false, write).map_err(|e: io::Error| Error::io(path, e))
+}
+
+fn replace<T, E: From<io::Error>>(
+    path: &Path,
+    synced: bool,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
+) -> std::result::Result<T, E> {
     let target = resolve(path);
     let (file, partial) = Partial::create(&target)?;
     let mut writer = BufWriter::new(file);
@@ -37,10 +57,14 @@ pub fn try_replace_file<T, E: From<io::Error>>(
     if let Ok(old) = fs::metadata(&target) {
         file.set_permissions(old.permissions())?;
     }
-    file.sync_all()?;
+    if synced {
+        file.sync_all()?;
+    }
     partial.rename(&target)?;
-    // The rename itself reaches the disk with its directory; not every file system can sync one.
-    let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
+    if synced {
+        // The rename itself reaches the disk with its directory; not every file system can sync one.
+        let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
+    }
     Ok(written)
 }
 

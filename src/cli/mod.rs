@@ -3,6 +3,7 @@
 //! never a panic. Never renders, compares or parses scenes itself.
 
 pub(crate) mod diff;
+pub(crate) mod generate;
 pub(crate) mod info;
 mod interrupt;
 mod progress;
@@ -29,6 +30,7 @@ Examples:
   weir report stats.json                 where time and memory went
   weir texture bark.png -o bark.tx       a tiled, mip-mapped texture
   weir info scene.pbrt                   what is in a scene, mesh or image
+  weir generate terrain -o valley        a large scene, made from a seed
 
 `weir SCENE` alone is `weir render SCENE`; `weir render --help` lists its options.
 
@@ -54,6 +56,8 @@ enum Subcommand {
     Report(report::Options),
     /// Make a tiled, mip-mapped texture of an image
     Texture(texture::Options),
+    /// Make a large procedural scene
+    Generate(generate::Options),
 }
 
 /// What to do.
@@ -63,6 +67,7 @@ pub(crate) enum Command {
     Info(info::Options),
     Report(report::Options),
     Texture(texture::Options),
+    Generate(generate::Options),
     /// `--help` or `--version`: a text that was asked for.
     Help(String),
 }
@@ -90,6 +95,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
             Subcommand::Info(options) => Command::Info(options),
             Subcommand::Report(options) => Command::Report(options),
             Subcommand::Texture(options) => Command::Texture(options),
+            Subcommand::Generate(options) => Command::Generate(options),
         }),
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => {
             Ok(Command::Help(e.render().to_string()))
@@ -100,7 +106,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
 
 /// `weir SCENE` is `weir render SCENE`, wherever the options stand.
 fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
-    const COMMANDS: [&str; 6] = ["render", "diff", "info", "report", "texture", "help"];
+    const COMMANDS: [&str; 7] = ["render", "diff", "info", "report", "texture", "generate", "help"];
     let Some(first) = arguments.get(1) else {
         return Err(Error::Usage(
             "no scene given; `weir scene.pbrt` renders one; see weir --help".to_owned(),
@@ -114,7 +120,7 @@ fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
     // A bare word that is no file is more likely a command misspelt than a scene misplaced.
     if !text.starts_with('-') && !text.contains(['.', '/']) && !Path::new(first).exists() {
         return Err(Error::Usage(format!(
-            "no command and no file is called '{text}'; the commands are render, diff, info, report and texture; see weir --help"
+            "no command and no file is called '{text}'; the commands are render, diff, info, report, texture and generate; see weir --help"
         )));
     }
     arguments.insert(1, "render".into());

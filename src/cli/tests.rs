@@ -68,7 +68,7 @@ fn times_have_units() {
 fn errors_say_what_would_be_right_in_one_line() {
     for (text, needed) in [
         ("", "no scene given"),
-        ("rendr a.pbrt", "render, diff, info, report and texture"),
+        ("rendr a.pbrt", "render, diff, info, report, texture and generate"),
         ("render", "<SCENE>"),
         ("diff a.exr", "<B>"),
         ("a.pbrt b.pbrt", "'b.pbrt'"),

@@ -73,6 +73,23 @@ pub(super) fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A count: `1000`, `20M`, `1.5G`, `2e9`. Units are decimal.
+pub(super) fn amount(text: &str) -> Result<u64, String> {
+    let wrong = || "a count is needed, as in 20M, 1.5G or 2e9".to_owned();
+    let (number, factor) = match text.trim_end_matches(['B', 'b']).char_indices().next_back() {
+        Some((i, 'k' | 'K')) => (&text[..i], 1e3),
+        Some((i, 'm' | 'M')) => (&text[..i], 1e6),
+        Some((i, 'g' | 'G')) => (&text[..i], 1e9),
+        Some((i, 't' | 'T')) => (&text[..i], 1e12),
+        _ => (text, 1.0),
+    };
+    match number.parse::<f64>() {
+        // Above this, f64 no longer holds every whole number.
+        Ok(n) if n * factor >= 1.0 && n * factor <= 9e15 => Ok((n * factor).round() as u64),
+        _ => Err(wrong()),
+    }
+}
+
 /// Samples per pixel.
 pub(super) fn samples(text: &str) -> Result<u32, String> {
     whole(text, 1..=1 << 24)

@@ -22,5 +22,6 @@ mod corpora;
 
 mod cli;
 mod embree_abi;
+mod generate;
 mod order;
 mod texture_files;
