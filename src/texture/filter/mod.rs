@@ -64,7 +64,7 @@ pub(super) fn lookup<S: TexelSource>(s: &mut S, uv: Vec2, footprint: Footprint, 
         return match sampler.filter {
             TextureFilter::Point => point(s, 0, st, sampler.wrap),
             _ if sampler.channels == Channels::Alpha => bilinear(s, 0, st, sampler.wrap),
-            _ => bilinear_of(s, 0, st, sampler.wrap, S::quad_rgb),
+            _ => bilinear_of::<S, false>(s, 0, st, sampler.wrap),
         };
     }
     filtered(s, st, footprint, sampler)
@@ -112,7 +112,7 @@ fn point<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Vec4 
 
 #[inline(always)]
 fn bilinear<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
-    bilinear_of(s, level, st, wrap, S::quad)
+    bilinear_of::<S, true>(s, level, st, wrap)
 }
 
 /// Bilinear in one level; alpha may be anything.
@@ -122,13 +122,7 @@ pub(super) fn bilinear_rgb<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wr
 }
 
 #[inline(always)]
-fn bilinear_of<S: TexelSource>(
-    s: &mut S,
-    level: usize,
-    st: Vec2,
-    wrap: Wrap,
-    quad: impl Fn(&mut S, usize, [u32; 2], [u32; 2]) -> [Vec4; 4],
-) -> Vec4 {
+fn bilinear_of<S: TexelSource, const ALPHA: bool>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
     let (width, height) = s.size(level);
     let p = into_range(st, wrap) * Vec2::new(width as f32, height as f32) - 0.5;
     let ((x, tx), (y, ty)) = (split(p.x), split(p.y));
@@ -145,7 +139,8 @@ fn bilinear_of<S: TexelSource>(
         Wrap::Clamp => (x.max(0), (x + 1).min(w - 1), y.max(0), (y + 1).min(h - 1)),
         _ => return bilinear_rare(s, level, x, y, t, wrap),
     };
-    let [v00, v10, v01, v11] = quad(s, level, [x0 as u32, x1 as u32], [y0 as u32, y1 as u32]);
+    let (x, y) = ([x0 as u32, x1 as u32], [y0 as u32, y1 as u32]);
+    let [v00, v10, v01, v11] = if ALPHA { s.quad(level, x, y) } else { s.quad_rgb(level, x, y) };
     let top = v00 + (v10 - v00) * t.x;
     let bottom = v01 + (v11 - v01) * t.x;
     top + (bottom - top) * t.y
