@@ -295,6 +295,7 @@ impl Lights {
                     p: s.point.into(),
                     n: s.n.into(),
                     width: 0.0,
+                    key: 0,
                 };
                 radiance *= self.textures.eval(alpha, &at).x.clamp(0.0, 1.0);
             }

@@ -121,7 +121,7 @@ impl<A: Accel> World<'_, A> {
         if depth >= self.max_depth {
             return None;
         }
-        let at = || self.coordinates(point, shading.needs);
+        let at = || self.coordinates(point, shading.needs, path.choice_key());
         match self.materials.scattering(shading.material, at, || path.choice_key()) {
             Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, draw, shadows),
             Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, draw, shadows),
@@ -219,12 +219,13 @@ impl<A: Accel> World<'_, A> {
 
     /// Where the textures of a surface are asked for.
     #[inline(always)]
-    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
+    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs, key: u32) -> TextureCoordinates {
         TextureCoordinates {
             uv: point.uv,
             p: point.p.into(),
             n: point.ns.into(),
             width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
+            key,
         }
     }
 

@@ -197,7 +197,7 @@ fn load(
     threads: usize,
     control: &Control<'_>,
 ) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
-    let needs = prepare::image_needs(scene);
+    let needs = prepare::image_needs(scene, settings.texture_filter);
     let options = TextureOptions {
         budget: settings.texture_memory.unwrap_or_else(default_texture_memory),
         threads,
@@ -208,9 +208,14 @@ fn load(
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let (geometry, (store, environments)) = rayon::join(
         || geometry::load(scene),
-        || rayon::join(|| TextureStore::load(&scene.images, &needs, &options, &converting), || load_environments(scene)),
+        || {
+            rayon::join(
+                || TextureStore::load(&scene.images, &needs, &options, &converting),
+                || load_environments(scene),
+            )
+        },
     );
-    let textures = Arc::new(Textures::new(scene.textures.clone(), store?)?);
+    let textures = Arc::new(Textures::new(scene.textures.clone(), store?, settings.texture_filter)?);
     let mut geometry = geometry?;
     if geometry.surfaces.iter().any(|s| s.alpha.is_some()) {
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
@@ -228,7 +233,7 @@ struct TextureOpacity(Arc<Textures>);
 
 impl Opacity for TextureOpacity {
     fn opacity(&self, texture: TextureId, uv: Vec2, p: Vec3) -> f32 {
-        self.0.eval(texture, &TextureCoordinates { uv, p, n: Vec3::ZERO, width: 0.0 }).x
+        self.0.eval(texture, &TextureCoordinates { uv, p, n: Vec3::ZERO, width: 0.0, key: 0 }).x
     }
 }
 

@@ -2,7 +2,7 @@
 //! Depth of the expression is bounded by the scene file (a texture names earlier ones only), so
 //! recursion ends.
 
-use super::{Footprint, Sampler, TextureStore};
+use super::{Footprint, Sampler, TextureStore, random_bits};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::scene::{Mapping, Texture, TextureFilter, TextureId};
@@ -20,6 +20,9 @@ pub struct TextureCoordinates {
     pub n: Vec3,
     /// Width of the pixel in units of `uv`; 0 asks for the finest level.
     pub width: f32,
+    /// Names the pixel and the sample, for filters that choose at random. They do not where there is
+    /// no footprint, so who gives none may give anything.
+    pub key: u32,
 }
 
 /// Most nodes that one lookup may evaluate: expressions share parts, so a page of text can name
@@ -45,11 +48,19 @@ pub struct Textures {
 }
 
 impl Textures {
-    /// Takes over the scene's texture table and its loaded images.
+    /// Takes over the scene's texture table and its loaded images; `filter` is what all of them use,
+    /// whatever the scene says.
     ///
     /// # Errors
     /// [`Error::Usage`] for an expression of more than 100,000 nodes.
-    pub fn new(nodes: Vec<Texture>, store: TextureStore) -> Result<Self> {
+    pub fn new(mut nodes: Vec<Texture>, store: TextureStore, filter: Option<TextureFilter>) -> Result<Self> {
+        if let Some(asked) = filter {
+            for node in &mut nodes {
+                if let Texture::Image { filter, .. } = node {
+                    *filter = asked;
+                }
+            }
+        }
         let mut known: Vec<Known> = Vec::with_capacity(nodes.len());
         for node in &nodes {
             let k = know(node, |t| known.get(t.index()).copied().unwrap_or_default());
@@ -91,8 +102,12 @@ impl Textures {
             Texture::Constant(c) => *c,
             Texture::Image { image, mapping, filter, wrap, scale, invert, channels } => {
                 let (uv, width) = map(mapping, at);
-                let footprint =
-                    Footprint { duv_dx: Vec2::new(width.x, 0.0), duv_dy: Vec2::new(0.0, width.y) };
+                let random = match filter {
+                    TextureFilter::Stochastic => random_bits(at.key, at.p, id.0),
+                    _ => 0,
+                };
+                let (duv_dx, duv_dy) = (Vec2::new(width.x, 0.0), Vec2::new(0.0, width.y));
+                let footprint = Footprint { duv_dx, duv_dy, random };
                 let sampler = Sampler { filter: *filter, wrap: *wrap, channels: *channels };
                 let value = self.store.lookup(*image, uv, footprint, sampler) * *scale;
                 if *invert { (Rgb::ONE - value).max(Rgb::ZERO) } else { value }
@@ -157,9 +172,7 @@ fn know(node: &Texture, part: impl Fn(TextureId) -> Known) -> Known {
     match node {
         Texture::Constant(c) => join(&[], false, Some(*c)),
         Texture::Bilerp { .. } => join(&[], false, None),
-        Texture::Image { filter, .. } => {
-            join(&[], matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa), None)
-        }
+        Texture::Image { filter, .. } => join(&[], filter.reads_levels(), None),
         Texture::Scale { texture, scale } => {
             let (a, b) = (part(*texture), part(*scale));
             join(&[a, b], false, a.constant.zip(b.constant).map(|(a, b)| a * b))
