@@ -9,7 +9,7 @@ use crate::accel::{Accel, NONE};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
-use crate::geometry::{self, Opacity, SceneGeometry, Surfaces};
+use crate::geometry::{self, Needs, Opacity, SceneGeometry, Surfaces};
 use crate::integrator::camera::Camera;
 use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights::Lights;
@@ -78,6 +78,7 @@ pub(super) fn render(
         emitters_only: emitters.as_ref(),
         geometry: Surfaces::new(&geometry, |s| shading[s].needs),
         has_interfaces: shading.iter().any(|s| s.may_pass),
+        wants_footprints: shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT)),
         shading,
         materials,
         lights,
@@ -233,7 +234,7 @@ struct TextureOpacity(Arc<Textures>);
 
 impl Opacity for TextureOpacity {
     fn opacity(&self, texture: TextureId, uv: Vec2, p: Vec3) -> f32 {
-        self.0.eval(texture, &TextureCoordinates { uv, p, n: Vec3::ZERO, width: 0.0, key: 0 }).x
+        self.0.eval(texture, &TextureCoordinates::at(uv, p, Vec3::ZERO)).x
     }
 }
 
