@@ -120,9 +120,9 @@ fn block(kind: &str, number: u64, textures: u64, side: u64, out: &mut Vec<Lookup
 }
 
 fn fnv(trace: &[Lookup]) -> u64 {
-    let bytes = trace.iter().flat_map(|l| {
-        l.texture.to_le_bytes().into_iter().chain(l.at.into_iter().flat_map(f32::to_le_bytes))
-    });
+    let bytes = trace
+        .iter()
+        .flat_map(|l| l.texture.to_le_bytes().into_iter().chain(l.at.into_iter().flat_map(f32::to_le_bytes)));
     bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
@@ -281,8 +281,14 @@ fn run() -> Result<(), Error> {
         before = after;
     }
     if let Some(path) = arguments.get(7) {
-        let mut replay =
-            Replay { store: &store, side, top: side.ilog2() as usize, aniso: kind == "aniso", probes: vec![], bilinear: 0 };
+        let mut replay = Replay {
+            store: &store,
+            side,
+            top: side.ilog2() as usize,
+            aniso: kind == "aniso",
+            probes: vec![],
+            bilinear: 0,
+        };
         let mut thread = ThreadCache::new(cache);
         let mut bytes = Vec::with_capacity(trace.len() * 12);
         for l in &trace {

@@ -23,6 +23,31 @@ pub enum Estimator {
     Scattering,
 }
 
+/// Filter of an image texture between texels and levels. Scenes say which; here because a person
+/// may say it for all of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum TextureFilter {
+    /// Nearest texel.
+    Point,
+    /// Four texels of the finest level (pbrt's default).
+    #[default]
+    Bilinear,
+    /// Eight texels of two levels.
+    Trilinear,
+    /// Elliptically weighted average: all texels of the footprint.
+    Ewa,
+    /// One texel of the footprint at random, which is [`Self::Ewa`] in the mean.
+    Stochastic,
+}
+
+impl TextureFilter {
+    /// Whether it looks at the footprint, and so at coarser levels than the finest.
+    #[must_use]
+    pub fn reads_levels(self) -> bool {
+        matches!(self, Self::Trilinear | Self::Ewa | Self::Stochastic)
+    }
+}
+
 /// What the command line may override; `None` keeps what the scene file says.
 #[derive(Clone, Debug, Default)]
 pub struct RenderSettings {
@@ -56,6 +81,8 @@ pub struct RenderSettings {
     pub texture_latency_seconds: f64,
     /// Where tiled copies of textures are kept; `None` means the user's cache directory.
     pub cache_dir: Option<PathBuf>,
+    /// Filter of all image textures.
+    pub texture_filter: Option<TextureFilter>,
     /// Warnings about what stands in for unsupported features become errors.
     pub strict: bool,
 }

@@ -13,7 +13,7 @@ use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
 use weir::report::{attributes, bytes, count, seconds};
 use weir::scene::{self, SceneDescription};
-use weir::settings::{Backend, Estimator, RenderSettings};
+use weir::settings::{Backend, Estimator, RenderSettings, TextureFilter};
 use weir::stats::RenderStats;
 
 const EXAMPLES: &str = "\
@@ -75,6 +75,9 @@ pub(crate) struct Options {
     /// Where tiled copies of textures are kept; ~/.cache/weir if not given
     #[arg(long, value_name = "DIR")]
     cache_dir: Option<PathBuf>,
+    /// Filter of all image textures; else what the scene says
+    #[arg(long, value_name = "NAME")]
+    texture_filter: Option<FilterName>,
     /// What stands in for something unsupported is an error
     #[arg(long)]
     strict: bool,
@@ -95,6 +98,27 @@ enum Switch {
 #[derive(Clone, Copy, ValueEnum)]
 enum BackendName {
     Embree,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum FilterName {
+    Point,
+    Bilinear,
+    Trilinear,
+    Ewa,
+    Stochastic,
+}
+
+impl FilterName {
+    fn filter(self) -> TextureFilter {
+        match self {
+            Self::Point => TextureFilter::Point,
+            Self::Bilinear => TextureFilter::Bilinear,
+            Self::Trilinear => TextureFilter::Trilinear,
+            Self::Ewa => TextureFilter::Ewa,
+            Self::Stochastic => TextureFilter::Stochastic,
+        }
+    }
 }
 
 impl Options {
@@ -119,6 +143,7 @@ impl Options {
             texture_latency_seconds: self.texture_latency_ms * 1e-3,
             cache_dir: self.cache_dir.clone(),
             strict: self.strict,
+            texture_filter: self.texture_filter.map(FilterName::filter),
         }
     }
 }

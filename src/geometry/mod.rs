@@ -10,11 +10,13 @@ pub mod loop_subdivision;
 mod patch;
 mod point;
 mod quadric;
+mod tangents;
 
 pub use flat::Surfaces;
 pub use load::{Opacity, SceneGeometry, load};
 pub use point::{Needs, SurfacePoint, offset_origin};
 pub use quadric::Quadric;
+pub use tangents::Tangents;
 
 use crate::math::Transform;
 use crate::scene::{AreaLightId, MaterialId, MediumInterface, TextureId};

@@ -17,7 +17,7 @@ impl Needs {
     pub const UV: Self = Self(1);
     /// ∂p/∂u, for anisotropic roughness.
     pub const TANGENT: Self = Self(2);
-    /// How many texture units a world unit spans, for footprints.
+    /// Footprints: how texture coordinates run over the surface. Read apart from the point.
     pub const FOOTPRINT: Self = Self(4);
 
     /// Whether all of `other` is asked for.
@@ -25,6 +25,12 @@ impl Needs {
     #[must_use]
     pub fn has(self, other: Self) -> bool {
         self.0 & other.0 == other.0
+    }
+
+    /// Those that are not in `other`.
+    #[must_use]
+    pub fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
     }
 
     /// Both.
@@ -50,8 +56,6 @@ pub struct SurfacePoint {
     pub uv: Vec2,
     /// ∂p/∂u, if needed; else zero.
     pub dpdu: Vec3,
-    /// Texture units a world unit spans (geometric mean), if needed; else zero.
-    pub uv_rate: f32,
 }
 
 impl SurfacePoint {
@@ -59,8 +63,8 @@ impl SurfacePoint {
     /// it is joined with in memory too.
     #[inline(always)]
     fn apart(self) -> Self {
-        let Self { p, error, ng, ns, uv, dpdu, uv_rate } = self;
-        Self { p, error, ng, ns, uv, dpdu, uv_rate }
+        let Self { p, error, ng, ns, uv, dpdu } = self;
+        Self { p, error, ng, ns, uv, dpdu }
     }
 }
 
@@ -157,7 +161,6 @@ impl Surfaces<'_> {
                 let at = q.at(o + d * f64::from(hit.t));
                 let p = at.p.as_vec3();
                 let ng = at.n.as_vec3() * sign;
-                let stretch = at.dpdu.cross(at.dpdv).length();
                 SurfacePoint {
                     p: p.into(),
                     // p is rounded once from f64; traversal meets the quadric in f64 and rounds t.
@@ -166,7 +169,6 @@ impl Surfaces<'_> {
                     ns: ng.into(),
                     uv: at.uv.as_vec2(),
                     dpdu: at.dpdu.as_vec3(),
-                    uv_rate: if stretch > 0.0 { (1.0 / stretch).sqrt() as f32 } else { 0.0 },
                 }
             }
             SurfaceShape::Mesh(_) => unreachable!("meshes are handled by the caller"),
@@ -186,13 +188,7 @@ impl Surfaces<'_> {
         let stretch = scale.x_axis.abs() + scale.y_axis.abs() + scale.z_axis.abs();
         point.error =
             point.error * max_abs(stretch) + gamma(4) * (max_abs(p) + max_abs(stretch) * max_abs(before));
-        // How the transform stretches areas of the surface: |det M| · |M⁻ᵀ n| (Nanson).
-        let normal = t.normal(point.ng.into());
-        let area = scale.determinant().abs() * normal.length();
-        if area > 0.0 {
-            point.uv_rate /= area.sqrt();
-        }
-        point.ng = normal.normalize_or_zero().into();
+        point.ng = t.normal(point.ng.into()).normalize_or_zero().into();
         point.ns = t.normal(point.ns.into()).normalize_or_zero().into();
         point.dpdu = t.vector(point.dpdu);
         point
@@ -232,10 +228,10 @@ fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
             }
         }
     }
-    let mut point = SurfacePoint { p, error, ng, ns, uv: Vec2::new(b1, b2), dpdu: Vec3::ZERO, uv_rate: 0.0 };
+    let mut point = SurfacePoint { p, error, ng, ns, uv: Vec2::new(b1, b2), dpdu: Vec3::ZERO };
     if flat.needs != Needs::default() {
         let edges = [e1.into(), e2.into()];
-        add_attributes(&mut point, mesh, corners, [b0, b1, b2], edges, area2, flat.needs);
+        add_attributes(&mut point, mesh, corners, [b0, b1, b2], edges, flat.needs);
     }
     point
 }
@@ -248,7 +244,6 @@ fn add_attributes(
     [i0, i1, i2]: [usize; 3],
     [b0, b1, b2]: [f32; 3],
     [e1, e2]: [Vec3; 2],
-    area2: f32,
     needs: Needs,
 ) {
     let (uv0, uv1, uv2) = if mesh.uvs.is_empty() {
@@ -258,12 +253,9 @@ fn add_attributes(
         (Vec2::from(mesh.uvs[i0]), Vec2::from(mesh.uvs[i1]), Vec2::from(mesh.uvs[i2]))
     };
     point.uv = uv0 * b0 + uv1 * b1 + uv2 * b2;
-    let (d1, d2) = (uv1 - uv0, uv2 - uv0);
-    let determinant = d1.perp_dot(d2);
-    if needs.has(Needs::FOOTPRINT) {
-        point.uv_rate = (determinant.abs() / area2).sqrt();
-    }
     if needs.has(Needs::TANGENT) {
+        let (d1, d2) = (uv1 - uv0, uv2 - uv0);
+        let determinant = d1.perp_dot(d2);
         let given = (!mesh.tangents.is_empty()).then(|| {
             vec3(mesh.tangents[i0]) * b0 + vec3(mesh.tangents[i1]) * b1 + vec3(mesh.tangents[i2]) * b2
         });
@@ -292,7 +284,6 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
         }
     }
     let (mut uv, mut dpdu32) = (Vec2::new(hit.u, hit.v), dpdu.as_vec3());
-    let mut uv_area = 1.0f32;
     if !patches.uvs.is_empty() {
         let [t00, t10, t01, t11] = corners.map(|i| Vec2::from(patches.uvs[i]));
         let (fu, fv) = (hit.u, hit.v);
@@ -300,7 +291,6 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
         let du = (t10 - t00) * (1.0 - fv) + (t11 - t01) * fv;
         let dv = (t01 - t00) * (1.0 - fu) + (t11 - t10) * fu;
         let determinant = du.perp_dot(dv);
-        uv_area = determinant.abs();
         if determinant != 0.0 {
             dpdu32 = (dpdu.as_vec3() * dv.y - dpdv.as_vec3() * du.y) / determinant;
         }
@@ -315,7 +305,6 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
         ns: ns.into(),
         uv,
         dpdu: dpdu32,
-        uv_rate: (uv_area / (cross.length() as f32)).sqrt(),
     }
 }
 

@@ -104,6 +104,17 @@ impl Quadric {
         })
     }
 
+    /// Mean curvature in world space, along [`QuadricPoint::n`]; scaled as if the transform were even.
+    #[must_use]
+    pub fn curvature(&self) -> f32 {
+        let own = match self.kind {
+            QuadricKind::Sphere { radius, .. } => 1.0 / radius,
+            QuadricKind::Cylinder { radius, .. } => 0.5 / radius,
+            QuadricKind::Disk { .. } => 0.0,
+        };
+        (own / self.to_world.m.determinant().cbrt()) as f32
+    }
+
     /// Corners of the object-space box.
     #[must_use]
     pub fn object_bounds(&self) -> (DVec3, DVec3) {

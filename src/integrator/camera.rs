@@ -2,6 +2,7 @@
 //! camera looks along +z, y is up, raster y runs down, `fov` spans the shorter axis.
 
 use crate::accel::Ray;
+use crate::integrator::cone::Cone;
 use crate::integrator::light::octahedral::square_to_sphere;
 use crate::math::warp::concentric_disk;
 use crate::scene::{self, CameraKind};
@@ -15,6 +16,8 @@ pub struct Camera {
     /// Raster to screen: screen = offset + raster · scale.
     offset: Vec2,
     scale: Vec2,
+    /// Side of a pixel on the screen: the root of its area.
+    pixel: f32,
     film: Vec2,
     /// Camera axes and position in world space.
     x: Vec3,
@@ -36,16 +39,13 @@ enum Projection {
     LatLong,
 }
 
-/// A ray with the footprint of its pixel: the cone's width at the origin and its growth per
-/// unit of distance.
+/// A ray with the footprint of its pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraRay {
     /// The ray; unit direction.
     pub ray: Ray,
-    /// Cone width at the origin.
-    pub width: f32,
-    /// Growth of the width per unit of distance, in radians.
-    pub spread: f32,
+    /// The cone that is as wide as a pixel (the geometric mean of its sides).
+    pub cone: Cone,
 }
 
 impl Camera {
@@ -72,6 +72,7 @@ impl Camera {
             kind,
             offset: Vec2::new(x0, y1),
             scale: Vec2::new((x1 - x0) / w, (y0 - y1) / h),
+            pixel: ((x1 - x0) / w * (y1 - y0) / h).abs().sqrt(),
             film: Vec2::new(w, h),
             x: t.vector(Vec3::X),
             y: t.vector(Vec3::Y),
@@ -87,25 +88,6 @@ impl Camera {
         self.x * v.x + self.y * v.y + self.z * v.z
     }
 
-    /// Width of a pixel where a surface with unit normal `n` passes `p`, as if seen directly;
-    /// the tilt stretches it, at most eightfold.
-    #[inline]
-    #[must_use]
-    pub fn pixel_width_at(&self, p: Vec3, n: Vec3) -> f32 {
-        let d = p - self.position;
-        let distance = d.length();
-        let (width, cos) = match self.kind {
-            Projection::Perspective { tangent } => {
-                (self.scale.x.abs() * tangent * distance, d.dot(n).abs() / distance)
-            }
-            Projection::Orthographic => (self.scale.x.abs() * self.x.length(), self.z.dot(n).abs()),
-            Projection::EqualArea | Projection::LatLong => {
-                ((4.0 * PI / (self.film.x * self.film.y)).sqrt() * distance, d.dot(n).abs() / distance)
-            }
-        };
-        width / cos.max(0.125)
-    }
-
     /// The ray through `raster` (pixels, y down) and the lens point warped from `lens` in [0,1)².
     #[inline(always)]
     #[must_use]
@@ -117,8 +99,10 @@ impl Camera {
                 origin = Vec3::ZERO;
                 direction = Vec3::new(screen.x * tangent, screen.y * tangent, 1.0);
                 width = 0.0;
-                // A pixel's width over the distance to the screen.
-                spread = self.scale.x.abs() * tangent;
+                // A pixel's width over the distance to the screen; off the axis a pixel's solid angle
+                // falls with the cube of the cosine.
+                let cos = direction.length_recip();
+                spread = self.pixel * tangent * cos * cos.sqrt();
                 if self.lens_radius > 0.0 {
                     let focus = direction * self.focal_distance;
                     let l = concentric_disk(lens) * self.lens_radius;
@@ -129,7 +113,7 @@ impl Camera {
             Projection::Orthographic => {
                 origin = Vec3::new(screen.x, screen.y, 0.0);
                 direction = Vec3::Z;
-                width = self.scale.x.abs() * self.x.length();
+                width = self.pixel * self.x.length();
                 spread = 0.0;
                 if self.lens_radius > 0.0 {
                     let focus = origin + direction * self.focal_distance;
@@ -154,7 +138,7 @@ impl Camera {
             }
         }
         let ray = Ray::new(self.position + self.turn(origin), self.turn(direction).normalize());
-        CameraRay { ray, width, spread }
+        CameraRay { ray, cone: Cone { width, spread } }
     }
 }
 

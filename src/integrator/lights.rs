@@ -290,12 +290,7 @@ impl Lights {
             Opacity::Solid => {}
             Opacity::Hidden => delta = true,
             Opacity::Texture(alpha) => {
-                let at = TextureCoordinates {
-                    uv: self.uv_of(light, &s),
-                    p: s.point.into(),
-                    n: s.n.into(),
-                    width: 0.0,
-                };
+                let at = TextureCoordinates::at(self.uv_of(light, &s), s.point.into(), s.n.into());
                 radiance *= self.textures.eval(alpha, &at).x.clamp(0.0, 1.0);
             }
         }

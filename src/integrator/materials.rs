@@ -94,10 +94,12 @@ impl<'a> Materials<'a> {
         Self { compiled, needs, may_pass, textures }
     }
 
-    /// Attributes of a surface that `material` reads.
+    /// Attributes of a surface that `material` reads. Where rays may pass it, no footprint: shadow
+    /// rays have none, and must decide as paths do.
     #[must_use]
     pub fn needs(&self, material: u32) -> Needs {
-        self.needs[material as usize]
+        let needs = self.needs[material as usize];
+        if self.may_pass(material) { needs.without(Needs::FOOTPRINT) } else { needs }
     }
 
     /// Whether rays may pass `material` without scattering.

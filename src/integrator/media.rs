@@ -37,7 +37,7 @@ impl<A: Accel> World<'_, A> {
             return None;
         }
         let point = self.geometry.surface_point(hit, surface, || *ray);
-        let at = || self.coordinates(&point, shading.needs);
+        let at = || self.coordinates(&point, key);
         let scattering = self.materials.scattering(shading.material, at, || key);
         matches!(scattering, Scattering::Passes).then_some(point)
     }

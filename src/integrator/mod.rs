@@ -2,6 +2,7 @@
 
 pub mod bsdf;
 pub mod camera;
+pub mod cone;
 mod draws;
 pub mod light;
 pub mod lights;

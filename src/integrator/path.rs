@@ -8,7 +8,8 @@
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
 use crate::geometry::{Needs, Surfaces};
-use crate::integrator::camera::Camera;
+use crate::integrator::camera::{Camera, CameraRay};
+use crate::integrator::cone::Cone;
 use crate::integrator::lights::Lights;
 use crate::integrator::materials::Materials;
 use crate::integrator::media::medium_index;
@@ -60,6 +61,8 @@ pub struct World<'a, A> {
     pub rr_threshold: f32,
     /// Texture footprints shrink with the sample count (pbrt: max(1/8, 1/√spp)).
     pub footprint_scale: f32,
+    /// Whether any surface asks for footprints.
+    pub wants_footprints: bool,
     /// How direct light is estimated.
     pub estimator: Estimator,
     /// Whether next-event estimation has anything to do: lights to sample, and an estimator that does.
@@ -91,6 +94,8 @@ pub struct Path {
     pub slot: u32,
     /// Medium around the ray, or [`NONE`].
     pub medium: u32,
+    /// Its width for texture footprints, if any are wanted.
+    pub cone: Cone,
 }
 
 /// A light sample that waits for its visibility.
@@ -178,7 +183,8 @@ impl<'a, A: Accel> World<'a, A> {
             let u = set.sample(sample);
             let (offset, weight) = filter(Vec2::new(u[0], u[1]));
             weights.push(weight);
-            let ray = self.camera.ray(centre + offset, Vec2::new(u[2], u[3])).ray;
+            let CameraRay { ray, cone } = self.camera.ray(centre + offset, Vec2::new(u[2], u[3]));
+            let scale = self.footprint_scale;
             let slot = wave.paths.len() as u32;
             wave.paths.push(Path {
                 origin: ray.origin,
@@ -191,6 +197,7 @@ impl<'a, A: Accel> World<'a, A> {
                 sample,
                 slot,
                 medium,
+                cone: Cone { width: cone.width * scale, spread: cone.spread * scale },
             });
         }
     }

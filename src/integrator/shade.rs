@@ -4,7 +4,8 @@
 //! Next-event estimation and multiple importance sampling with the power heuristic (Veach 1997);
 //! pbrt-v4's roulette rules (4th ed., §13.4).
 
-use super::bsdf::Scatter;
+use super::bsdf::{BsdfSample, Scatter};
+use super::cone::{self, Cone, Event, sample_angle};
 use super::draws::{Draws, LANES};
 use super::lights::{Emitter, NO_LIGHT, power_heuristic};
 use super::materials::Scattering;
@@ -121,10 +122,16 @@ impl<A: Accel> World<'_, A> {
         if depth >= self.max_depth {
             return None;
         }
-        let at = || self.coordinates(point, shading.needs);
+        let at = || {
+            let mut at = self.coordinates(point, path.choice_key());
+            if shading.needs.has(Needs::FOOTPRINT) {
+                self.add_footprint(&mut at, path, hit, surface, point);
+            }
+            at
+        };
         match self.materials.scattering(shading.material, at, || path.choice_key()) {
-            Scattering::Diffuse(d) => self.scatter(&d, path, beta, shading, point, depth, draw, shadows),
-            Scattering::Other(b) => self.scatter(&b, path, beta, shading, point, depth, draw, shadows),
+            Scattering::Diffuse(d) => self.scatter(&d, path, beta, hit, shading, point, depth, draw, shadows),
+            Scattering::Other(b) => self.scatter(&b, path, beta, hit, shading, point, depth, draw, shadows),
             // An interface that `trace` did not pass, because it emits.
             Scattering::Passes => {
                 let direction = path.direction.into();
@@ -148,6 +155,7 @@ impl<A: Accel> World<'_, A> {
         bsdf: &impl Scatter,
         path: &Path,
         mut beta: Rgb,
+        hit: &Hit,
         shading: &SurfaceShading,
         point: &SurfacePoint,
         depth: u32,
@@ -213,25 +221,62 @@ impl<A: Accel> World<'_, A> {
             eta_scale,
             travelled: 0.0,
             medium: cross(shading.medium, point.ng, wide, path.medium),
+            cone: if self.wants_footprints {
+                self.next_cone(path, hit, point, &s, direction)
+            } else {
+                path.cone
+            },
             ..*path
         })
     }
 
-    /// Where the textures of a surface are asked for.
+    /// Where the textures of a surface are asked for, without a footprint.
     #[inline(always)]
-    pub(super) fn coordinates(&self, point: &SurfacePoint, needs: Needs) -> TextureCoordinates {
-        TextureCoordinates {
-            uv: point.uv,
-            p: point.p.into(),
-            n: point.ns.into(),
-            width: if needs.has(Needs::FOOTPRINT) { self.footprint(point) } else { 0.0 },
-        }
+    pub(super) fn coordinates(&self, point: &SurfacePoint, key: u32) -> TextureCoordinates {
+        TextureCoordinates { key, ..TextureCoordinates::at(point.uv, point.p.into(), point.ns.into()) }
     }
 
-    /// Width in texture units of a pixel as the camera would see it at `point` (pbrt-v4's
-    /// approximation for every bounce, 4th ed. §10.1.3).
-    #[inline]
-    fn footprint(&self, point: &SurfacePoint) -> f32 {
-        self.camera.pixel_width_at(point.p.into(), point.ng.into()) * point.uv_rate * self.footprint_scale
+    /// Adds what the path's cone covers of the surface.
+    #[inline(never)]
+    fn add_footprint(
+        &self,
+        at: &mut TextureCoordinates,
+        path: &Path,
+        hit: &Hit,
+        surface: usize,
+        point: &SurfacePoint,
+    ) {
+        let width = path.cone.width_at(path.travelled + hit.t);
+        let [x, y] = cone::ellipse(width, path.direction, point.ng.into());
+        let tangents = self.geometry.tangents(hit, surface, &Ray::new(path.origin, path.direction));
+        (at.dp_dx, at.dp_dy) = (x, y);
+        (at.duv_dx, at.duv_dy) = (tangents.uv(x), tangents.uv(y));
+    }
+
+    /// The path's cone behind the surface, in `direction`.
+    #[inline(never)]
+    fn next_cone(
+        &self,
+        path: &Path,
+        hit: &Hit,
+        point: &SurfacePoint,
+        s: &BsdfSample,
+        direction: Vec3,
+    ) -> Cone {
+        let n = Vec3::from(point.ns);
+        let cos = path.direction.dot(n);
+        // A lobe this wide hides what curvature adds.
+        let narrow = s.delta || s.pdf > 1.0;
+        let curvature =
+            if narrow { self.geometry.curvature(hit, self.geometry.surface_of(hit)) } else { 0.0 };
+        let event = Event {
+            // Seen from behind, what bulges is hollow.
+            curvature: if cos < 0.0 { curvature } else { -curvature },
+            cos_in: cos.abs(),
+            cos_out: direction.dot(n).abs(),
+            through: s.transmission.then_some(s.eta),
+            rough: if s.delta { 0.0 } else { sample_angle(s.pdf, self.footprint_scale) },
+        };
+        path.cone.after(path.travelled + hit.t, &event)
     }
 }

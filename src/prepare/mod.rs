@@ -1,7 +1,8 @@
 //! Reads the description once and says what can ever be needed. Loads nothing, decides no
 //! sampling: it only follows references.
 
-use crate::scene::{ImageId, Material, MaterialId, SceneDescription, Texture, TextureFilter, TextureId};
+use crate::scene::{ImageId, Material, MaterialId, SceneDescription, Texture, TextureId};
+use crate::settings::TextureFilter;
 
 /// What the plan found out about an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,11 +16,12 @@ pub struct ImageNeeds {
 }
 
 /// For each image: whether anything visible reads it, and whether any of its readers filters over
-/// mip levels.
+/// mip levels; `filter` is what all use, whatever the scene says.
 #[must_use]
-pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
+pub fn image_needs(scene: &SceneDescription, filter: Option<TextureFilter>) -> Vec<ImageNeeds> {
     let mut walk = Walk {
         scene,
+        filter,
         needs: vec![ImageNeeds::default(); scene.images.len()],
         textures: vec![false; scene.textures.len()],
         materials: vec![false; scene.materials.len()],
@@ -43,6 +45,7 @@ pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
 
 struct Walk<'a> {
     scene: &'a SceneDescription,
+    filter: Option<TextureFilter>,
     needs: Vec<ImageNeeds>,
     textures: Vec<bool>,
     materials: Vec<bool>,
@@ -61,7 +64,7 @@ impl Walk<'_> {
         }
         let texture = &self.scene.textures[id.index()];
         if let Texture::Image { image, filter, .. } = texture {
-            self.image(*image, matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa));
+            self.image(*image, self.filter.unwrap_or(*filter).reads_levels());
         }
         for part in texture.parts().into_iter().flatten() {
             self.texture(part);

@@ -9,7 +9,7 @@ use crate::accel::{Accel, NONE};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
-use crate::geometry::{self, Opacity, SceneGeometry, Surfaces};
+use crate::geometry::{self, Needs, Opacity, SceneGeometry, Surfaces};
 use crate::integrator::camera::Camera;
 use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights::Lights;
@@ -78,6 +78,7 @@ pub(super) fn render(
         emitters_only: emitters.as_ref(),
         geometry: Surfaces::new(&geometry, |s| shading[s].needs),
         has_interfaces: shading.iter().any(|s| s.may_pass),
+        wants_footprints: shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT)),
         shading,
         materials,
         lights,
@@ -91,7 +92,8 @@ pub(super) fn render(
 
     let buffer = FilmBuffer::new(film.crop);
     // Only where tiles may have to go and come again does the order of work cost anything.
-    let reads_tiles = textures.store().cache().is_some_and(|(cache, _)| cache.budget() < textures.store().all_bytes());
+    let reads_tiles =
+        textures.store().cache().is_some_and(|(cache, _)| cache.budget() < textures.store().all_bytes());
     let job = Job {
         world: &world,
         textures: textures.store(),
@@ -100,7 +102,11 @@ pub(super) fn render(
         spp,
         seed: settings.seed.unwrap_or(scene.seed),
         next: AtomicU64::new(0),
-        order: if reads_tiles && settings.time_limit_seconds.is_none() { Order::Tiles } else { Order::Passes },
+        order: if reads_tiles && settings.time_limit_seconds.is_none() {
+            Order::Tiles
+        } else {
+            Order::Passes
+        },
         along: buffer.along(),
         buffer,
         samples: AtomicU64::new(0),
@@ -202,7 +208,7 @@ fn load(
     threads: usize,
     control: &Control<'_>,
 ) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
-    let needs = prepare::image_needs(scene);
+    let needs = prepare::image_needs(scene, settings.texture_filter);
     let options = TextureOptions {
         budget: settings.texture_memory.unwrap_or_else(default_texture_memory),
         threads,
@@ -213,9 +219,14 @@ fn load(
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let (geometry, (store, environments)) = rayon::join(
         || geometry::load(scene),
-        || rayon::join(|| TextureStore::load(&scene.images, &needs, &options, &converting), || load_environments(scene)),
+        || {
+            rayon::join(
+                || TextureStore::load(&scene.images, &needs, &options, &converting),
+                || load_environments(scene),
+            )
+        },
     );
-    let textures = Arc::new(Textures::new(scene.textures.clone(), store?)?);
+    let textures = Arc::new(Textures::new(scene.textures.clone(), store?, settings.texture_filter)?);
     let mut geometry = geometry?;
     if geometry.surfaces.iter().any(|s| s.alpha.is_some()) {
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
@@ -233,7 +244,7 @@ struct TextureOpacity(Arc<Textures>);
 
 impl Opacity for TextureOpacity {
     fn opacity(&self, texture: TextureId, uv: Vec2, p: Vec3) -> f32 {
-        self.0.eval(texture, &TextureCoordinates { uv, p, n: Vec3::ZERO, width: 0.0 }).x
+        self.0.eval(texture, &TextureCoordinates::at(uv, p, Vec3::ZERO)).x
     }
 }
 

@@ -340,19 +340,7 @@ pub enum Wrap {
     OctahedralSphere,
 }
 
-/// Filter between texels and levels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
-pub enum TextureFilter {
-    /// Nearest texel.
-    Point,
-    /// Four texels of the finest level (pbrt's default).
-    #[default]
-    Bilinear,
-    /// Eight texels of two levels.
-    Trilinear,
-    /// Elliptically weighted average.
-    Ewa,
-}
+pub use crate::settings::TextureFilter;
 
 /// Transfer curve of 8-bit (and 16-bit) images.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]

@@ -2,7 +2,7 @@
 //! Depth of the expression is bounded by the scene file (a texture names earlier ones only), so
 //! recursion ends.
 
-use super::{Footprint, Sampler, TextureStore};
+use super::{Footprint, Sampler, TextureStore, random_bits};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::scene::{Mapping, Texture, TextureFilter, TextureId};
@@ -18,8 +18,27 @@ pub struct TextureCoordinates {
     pub p: Vec3,
     /// Unit shading normal.
     pub n: Vec3,
-    /// Width of the pixel in units of `uv`; 0 asks for the finest level.
-    pub width: f32,
+    /// Axes of the footprint in units of `uv`; zero asks for the finest level.
+    pub duv_dx: Vec2,
+    /// The other.
+    pub duv_dy: Vec2,
+    /// The same axes in world space.
+    pub dp_dx: Vec3,
+    /// The other.
+    pub dp_dy: Vec3,
+    /// Names the pixel and the sample, for filters that choose at random. They do not where there is
+    /// no footprint, so who gives none may give anything.
+    pub key: u32,
+}
+
+impl TextureCoordinates {
+    /// A place without a footprint.
+    #[inline(always)]
+    #[must_use]
+    pub fn at(uv: Vec2, p: Vec3, n: Vec3) -> Self {
+        let (duv, dp) = (Vec2::ZERO, Vec3::ZERO);
+        Self { uv, p, n, duv_dx: duv, duv_dy: duv, dp_dx: dp, dp_dy: dp, key: 0 }
+    }
 }
 
 /// Most nodes that one lookup may evaluate: expressions share parts, so a page of text can name
@@ -45,11 +64,19 @@ pub struct Textures {
 }
 
 impl Textures {
-    /// Takes over the scene's texture table and its loaded images.
+    /// Takes over the scene's texture table and its loaded images; `filter` is what all of them use,
+    /// whatever the scene says.
     ///
     /// # Errors
     /// [`Error::Usage`] for an expression of more than 100,000 nodes.
-    pub fn new(nodes: Vec<Texture>, store: TextureStore) -> Result<Self> {
+    pub fn new(mut nodes: Vec<Texture>, store: TextureStore, filter: Option<TextureFilter>) -> Result<Self> {
+        if let Some(asked) = filter {
+            for node in &mut nodes {
+                if let Texture::Image { filter, .. } = node {
+                    *filter = asked;
+                }
+            }
+        }
         let mut known: Vec<Known> = Vec::with_capacity(nodes.len());
         for node in &nodes {
             let k = know(node, |t| known.get(t.index()).copied().unwrap_or_default());
@@ -90,9 +117,12 @@ impl Textures {
         match &self.nodes[id.index()] {
             Texture::Constant(c) => *c,
             Texture::Image { image, mapping, filter, wrap, scale, invert, channels } => {
-                let (uv, width) = map(mapping, at);
-                let footprint =
-                    Footprint { duv_dx: Vec2::new(width.x, 0.0), duv_dy: Vec2::new(0.0, width.y) };
+                let (uv, [duv_dx, duv_dy]) = map(mapping, at, filter.reads_levels());
+                let random = match filter {
+                    TextureFilter::Stochastic => random_bits(at.key, at.p, id.0),
+                    _ => 0,
+                };
+                let footprint = Footprint { duv_dx, duv_dy, random };
                 let sampler = Sampler { filter: *filter, wrap: *wrap, channels: *channels };
                 let value = self.store.lookup(*image, uv, footprint, sampler) * *scale;
                 if *invert { (Rgb::ONE - value).max(Rgb::ZERO) } else { value }
@@ -115,7 +145,8 @@ impl Textures {
                 self.blend(*b, *a, Rgb::splat(amount), at)
             }
             Texture::Checkerboard { mapping, a, b } => {
-                let (uv, width) = map(mapping, at);
+                let (uv, [x, y]) = map(mapping, at, true);
+                let width = x.abs().max(y.abs());
                 // Half-width of the tent over the pixel: pbrt-v4's 1.5 pixels.
                 let even = square_wave(uv.x, 1.5 * width.x) * square_wave(uv.y, 1.5 * width.y);
                 self.blend(*a, *b, Rgb::splat(0.5 - 0.5 * even), at)
@@ -126,7 +157,7 @@ impl Textures {
                 self.eval(if odd { *b } else { *a }, at)
             }
             Texture::Bilerp { mapping, corners } => {
-                let (uv, _) = map(mapping, at);
+                let (uv, _) = map(mapping, at, false);
                 let [v00, v01, v10, v11] = *corners;
                 let left = v00 * (1.0 - uv.y) + v01 * uv.y;
                 let right = v10 * (1.0 - uv.y) + v11 * uv.y;
@@ -157,9 +188,7 @@ fn know(node: &Texture, part: impl Fn(TextureId) -> Known) -> Known {
     match node {
         Texture::Constant(c) => join(&[], false, Some(*c)),
         Texture::Bilerp { .. } => join(&[], false, None),
-        Texture::Image { filter, .. } => {
-            join(&[], matches!(filter, TextureFilter::Trilinear | TextureFilter::Ewa), None)
-        }
+        Texture::Image { filter, .. } => join(&[], filter.reads_levels(), None),
         Texture::Scale { texture, scale } => {
             let (a, b) = (part(*texture), part(*scale));
             join(&[a, b], false, a.constant.zip(b.constant).map(|(a, b)| a * b))
@@ -184,38 +213,55 @@ fn mix(a: Rgb, b: Rgb, amount: Rgb) -> Rgb {
     a * (Rgb::ONE - amount) + b * amount
 }
 
-/// Texture coordinates and the footprint's width along each.
+/// Texture coordinates, and the footprint's axes in them if `filtered`.
 #[inline(always)]
-fn map(mapping: &Mapping, at: &TextureCoordinates) -> (Vec2, Vec2) {
+fn map(mapping: &Mapping, at: &TextureCoordinates, filtered: bool) -> (Vec2, [Vec2; 2]) {
     match mapping {
         Mapping::Uv { scale, delta } => {
             let scale = Vec2::from(*scale);
-            (at.uv * scale + Vec2::from(*delta), scale.abs() * at.width)
+            (at.uv * scale + Vec2::from(*delta), [at.duv_dx * scale, at.duv_dy * scale])
         }
-        other => (map_position(other, at), Vec2::ZERO),
+        other => {
+            let uv = map_position(other, at.uv, at.p);
+            (uv, if filtered { map_footprint(other, uv, at) } else { [Vec2::ZERO; 2] })
+        }
     }
 }
 
+/// The footprint's axes by differences of the mapping.
 #[inline(never)]
-fn map_position(mapping: &Mapping, at: &TextureCoordinates) -> Vec2 {
+fn map_footprint(mapping: &Mapping, uv: Vec2, at: &TextureCoordinates) -> [Vec2; 2] {
+    [at.dp_dx, at.dp_dy].map(|dp| {
+        let d = map_position(mapping, at.uv, at.p + dp) - uv;
+        match mapping {
+            // Azimuths jump by 1 where they begin.
+            Mapping::Spherical { .. } => Vec2::new(d.x, d.y - d.y.round()),
+            Mapping::Cylindrical { .. } => Vec2::new(d.x - d.x.round(), d.y),
+            Mapping::Uv { .. } | Mapping::Planar { .. } => d,
+        }
+    })
+}
+
+#[inline(never)]
+fn map_position(mapping: &Mapping, uv: Vec2, p: Vec3) -> Vec2 {
     let around = |p: Vec3| {
         let phi = p.y.atan2(p.x);
         (if phi < 0.0 { phi + 2.0 * PI } else { phi }) / (2.0 * PI)
     };
     match mapping {
-        Mapping::Uv { scale, delta } => at.uv * Vec2::from(*scale) + Vec2::from(*delta),
+        Mapping::Uv { scale, delta } => uv * Vec2::from(*scale) + Vec2::from(*delta),
         Mapping::Spherical { world_to_texture } => {
-            let p = world_to_texture.point(at.p);
+            let p = world_to_texture.point(p);
             let theta = p.truncate().length().atan2(p.z);
             // pbrt-v4: s is the polar angle, t the azimuth.
             Vec2::new(theta / PI, around(p))
         }
         Mapping::Cylindrical { world_to_texture } => {
-            let p = world_to_texture.point(at.p);
+            let p = world_to_texture.point(p);
             Vec2::new(around(p), p.z)
         }
         Mapping::Planar { world_to_texture, v1, v2, delta } => {
-            let p = world_to_texture.point_f64(at.p.as_dvec3());
+            let p = world_to_texture.point_f64(p.as_dvec3());
             let axis = |v: &[f32; 3]| Vec3::from(*v).as_dvec3();
             let along = |v: DVec3| p.dot(v);
             Vec2::new(along(axis(v1)) as f32, along(axis(v2)) as f32) + Vec2::from(*delta)

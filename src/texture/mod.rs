@@ -22,8 +22,8 @@ mod tiles;
 
 pub use attached::Attached;
 pub use eval::{TextureCoordinates, Textures};
-pub use filter::{Footprint, Sampler};
+pub use filter::{Footprint, Sampler, random_bits};
 pub use image_io::{ImageData, MAX_DECODED_BYTES, MAX_SIDE, Pixels, read_image};
 pub use store::{TextureOptions, TextureStore};
-pub use tiles::Probe;
 pub use tiled::{Caching, Component, DEFAULT_OPEN_FILES, FilePool, TileLevel, TileScratch, TiledFile};
+pub use tiles::Probe;

@@ -10,15 +10,15 @@
 //! Never decides what is needed.
 
 use super::attached::{self, Attached};
-use super::cache_dir;
 use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource};
+use super::cache_dir;
 use super::filter::{self, Footprint, Sampler};
 use super::image_io::{ImageData, Pixels, decoded_bytes, read_image};
 use super::pyramid;
 use super::rules::{Build, Facts, Kind, Rules, Sample};
+use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
 use super::tiled::{Caching, DEFAULT_OPEN_FILES, FilePool, TiledFile};
 use super::tiles::{FileTiles, Probe, TiledImage};
-use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -109,7 +109,10 @@ enum Found {
     Unused,
     Tiled(TiledFile),
     /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
-    Plain { bytes: u64, may_tile: bool },
+    Plain {
+        bytes: u64,
+        may_tile: bool,
+    },
 }
 
 impl TextureStore {
@@ -134,7 +137,8 @@ impl TextureStore {
         let found: Vec<Result<Found>> =
             sources.par_iter().zip(needs).map(|(source, need)| find(source, *need, &files)).collect();
         let found: Vec<Found> = found.into_iter().collect::<Result<_>>()?;
-        let whole: u64 = found.iter().map(|f| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 }).sum();
+        let whole: u64 =
+            found.iter().map(|f| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 }).sum();
         let fits = whole <= options.budget;
         let copies: Vec<bool> =
             found.iter().map(|f| !fits && matches!(f, Found::Plain { may_tile: true, .. })).collect();

@@ -9,6 +9,7 @@ use glam::Vec4;
 use memmap2::MmapMut;
 use rayon::prelude::*;
 use std::marker::PhantomData;
+use std::ops::Range;
 
 const HUGE_PAGE_BYTES: usize = 2 << 20;
 
@@ -289,6 +290,15 @@ impl<T: Texel> TexelSource for Resident<'_, T> {
     #[inline(always)]
     fn quad_rgb(&mut self, level: usize, x: [u32; 2], y: [u32; 2]) -> [Vec4; 4] {
         self.quad_of(level, x, y, T::decode_rgb)
+    }
+
+    #[inline(always)]
+    fn run(&mut self, level: usize, x: Range<u32>, y: u32, mut each: impl FnMut(Vec4)) {
+        let l = &self.levels[level];
+        let (texels, row) = (l.texels::<T>(self.memory), l.row::<T>(y));
+        for x in x {
+            each(texels[row + l.column::<T>(x)].decode(self.table));
+        }
     }
 }
 

@@ -126,7 +126,12 @@ impl TiledImage {
         footprint: Footprint,
         sampler: Sampler,
     ) -> Vec4 {
-        filter::lookup(&mut Tiles::<T> { image: self, cache, thread, texel: PhantomData }, uv, footprint, sampler)
+        filter::lookup(
+            &mut Tiles::<T> { image: self, cache, thread, texel: PhantomData },
+            uv,
+            footprint,
+            sampler,
+        )
     }
 }
 

@@ -8,6 +8,7 @@
 
 mod support;
 
+mod filters;
 mod known;
 
 mod determinism;

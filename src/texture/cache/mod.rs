@@ -16,9 +16,7 @@ pub use source::TileSource;
 pub use thread::ThreadCache;
 
 use crate::error::{Error, Result};
-use crate::stats::{
-    CacheCounts, CacheFile, CacheRow, CacheStats, Knee, StackDistances, sample_hash,
-};
+use crate::stats::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, StackDistances, sample_hash};
 use lru::LruCache;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -291,8 +289,7 @@ impl TileCache {
         let sizes = lock(&self.distances).sizes();
         // Steps of 6 %: a curve to draw.
         let steps = sizes.into_iter().rev().step_by(4);
-        let mut curve: Vec<_> =
-            steps.map(|bytes| (bytes, self.predicted_misses(bytes) / lookups)).collect();
+        let mut curve: Vec<_> = steps.map(|bytes| (bytes, self.predicted_misses(bytes) / lookups)).collect();
         curve.reverse();
         curve
     }
@@ -303,7 +300,8 @@ impl TileCache {
         let first = lock(&self.totals).total().misses_compulsory;
         // Levels that stay leave less to the others.
         let alone = |f: &CachedFile| {
-            let read = |tile: &u32| f.seen[*tile as usize / 64].load(Ordering::Relaxed) >> (tile % 64) & 1 == 1;
+            let read =
+                |tile: &u32| f.seen[*tile as usize / 64].load(Ordering::Relaxed) >> (tile % 64) & 1 == 1;
             let tiles = f.file.first_tiles().iter().filter(|t| f.file.is_alone(**t) && read(t));
             tiles.count() as u64 * cost(f.blocks)
         };

@@ -179,7 +179,9 @@ fn levels_of_one_tile_stay() {
     let cache = cache(vec![numbers(4096)], 40 * one(4096), 1);
     let mut thread = ThreadCache::new(&cache);
     thread.tile(&cache, 0, 84);
-    walk(3, 3000, |_, tile| { thread.tile(&cache, 0, tile % 84); });
+    walk(3, 3000, |_, tile| {
+        thread.tile(&cache, 0, tile % 84);
+    });
     thread.tile(&cache, 0, 84);
     thread.finish(&cache);
     let counts = cache.counts();
@@ -193,7 +195,9 @@ fn depths_are_counted_apart() {
     let mut thread = ThreadCache::new(&cache);
     thread.tile(&cache, 0, 1);
     thread.set_depth(2);
-    (0..5).for_each(|_| { thread.tile(&cache, 0, 1); });
+    (0..5).for_each(|_| {
+        thread.tile(&cache, 0, 1);
+    });
     thread.set_depth(99);
     thread.tile(&cache, 0, 2);
     thread.finish(&cache);
@@ -219,7 +223,9 @@ fn one_run_predicts_the_misses_of_other_sizes() {
     let run = |tiles: u64| {
         let cache = cache(files(), tiles * one(4096), 1);
         let mut thread = ThreadCache::new(&cache);
-        trace(&mut |file, tile| { thread.tile(&cache, file, tile); });
+        trace(&mut |file, tile| {
+            thread.tile(&cache, file, tile);
+        });
         thread.finish(&cache);
         cache
     };

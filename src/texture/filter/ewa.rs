@@ -2,54 +2,31 @@
 //! footprint's ellipse, on the two levels about its shorter axis. Never reads a texel outside the
 //! ellipse, and the number of texels is bounded for every footprint.
 
+use super::ellipse::{Ellipse, MAX_ANISOTROPY};
 use super::wrap::into_range;
-use super::{Footprint, TexelSource, bilinear, wrapped_texel};
+use super::{TexelSource, bilinear, wrapped_texel};
 use crate::math::Vec2;
 use crate::scene::Wrap;
 use glam::Vec4;
-use std::sync::LazyLock;
 
-/// pbrt-v4's default bound on the ratio of an ellipse's axes.
-const MAX_ANISOTROPY: f32 = 8.0;
-const EWA_STEPS: usize = 128;
-
-/// exp(−2r²) − exp(−2) over r² in 0..1 (Heckbert's Gaussian, truncated at the ellipse).
-static EWA_WEIGHTS: LazyLock<[f32; EWA_STEPS]> = LazyLock::new(|| {
-    std::array::from_fn(|i| {
-        let r2 = i as f64 / (EWA_STEPS - 1) as f64;
-        ((-2.0 * r2).exp() - (-2f64).exp()) as f32
-    })
-});
-
-/// Average over the footprint; `finest` is the finest level's longer side in texels.
-pub(super) fn ewa<S: TexelSource>(
-    s: &mut S,
-    st: Vec2,
-    footprint: Footprint,
-    finest: f32,
-    wrap: Wrap,
-) -> Vec4 {
-    // v runs up and rows run down.
-    let flip = Vec2::new(1.0, -1.0);
-    let (a, b) = (footprint.duv_dx * flip, footprint.duv_dy * flip);
-    let (long, mut short) = if a.length_squared() < b.length_squared() { (b, a) } else { (a, b) };
-    let (long_length, mut short_length) = (long.length(), short.length());
-    if short_length * MAX_ANISOTROPY < long_length && short_length > 0.0 {
-        let scale = long_length / (short_length * MAX_ANISOTROPY);
-        short *= scale;
-        short_length *= scale;
-    }
-    // Also when either is NaN: no footprint is the finest level.
-    if !(short_length > 0.0 && long_length.is_finite()) {
-        return bilinear(s, 0, st, wrap);
-    }
-    let level = (finest * short_length).log2().max(0.0);
-    let i = (level as usize).min(s.levels());
-    let [v0, v1] = [i, i + 1].map(|i| ewa_level(s, i, st, long, short, wrap));
-    v0.lerp(v1, (level - i as f32).clamp(0.0, 1.0))
+/// exp(−2r²) − exp(−2) over r² in 0..=1 within 7e-5 (Heckbert's Gaussian, truncated at the ellipse);
+/// a polynomial fitted so that it ends at zero.
+#[inline(always)]
+fn weight(r2: f32) -> f32 {
+    let q = r2.clamp(0.0, 1.0);
+    (1.0 - q) * (0.864_598_2 + q * (-1.131_99 + q * (0.836_994_7 + q * (-0.385_335_6 + q * 0.086_452_94))))
 }
 
-fn ewa_level<S: TexelSource>(s: &mut S, level: usize, st: Vec2, long: Vec2, short: Vec2, wrap: Wrap) -> Vec4 {
+/// Average over the footprint.
+pub(super) fn ewa<S: TexelSource>(s: &mut S, st: Vec2, ellipse: &Ellipse, wrap: Wrap) -> Vec4 {
+    let i = (ellipse.level as usize).min(s.levels());
+    let t = (ellipse.level - i as f32).clamp(0.0, 1.0);
+    let fine = one_level(s, i, st, ellipse, wrap);
+    if t == 0.0 { fine } else { fine.lerp(one_level(s, i + 1, st, ellipse, wrap), t) }
+}
+
+#[inline(never)]
+fn one_level<S: TexelSource>(s: &mut S, level: usize, st: Vec2, ellipse: &Ellipse, wrap: Wrap) -> Vec4 {
     if level >= s.levels() {
         // Beyond the last level only one texel is left.
         return s.texel(s.levels() - 1, 0, 0);
@@ -57,34 +34,42 @@ fn ewa_level<S: TexelSource>(s: &mut S, level: usize, st: Vec2, long: Vec2, shor
     let (width, height) = s.size(level);
     let size = Vec2::new(width as f32, height as f32);
     let p = into_range(st, wrap) * size - 0.5;
-    let (long, short) = (long * size, short * size);
-    // The ellipse A s² + B s t + C t² < 1, at least a texel wide (the + 1).
-    let mut c = (
-        long.y * long.y + short.y * short.y + 1.0,
-        -2.0 * (long.x * long.y + short.x * short.y),
-        long.x * long.x + short.x * short.x + 1.0,
-    );
-    let inv_f = 1.0 / (c.0 * c.2 - 0.25 * c.1 * c.1);
-    c = (c.0 * inv_f, c.1 * inv_f, c.2 * inv_f);
-    let det = 4.0 * c.0 * c.2 - c.1 * c.1;
-    let reach = 2.0 / det * Vec2::new((det * c.2).max(0.0).sqrt(), (det * c.0).max(0.0).sqrt());
-    // The level bounds the short axis to two texels and the anisotropy the long one to sixteen;
-    // only where rounding has run wild is there more.
-    let reach = reach.min(Vec2::splat(64.0));
-    let (lo, hi) = ((p - reach).ceil(), (p + reach).floor());
+    let (long, short) = (ellipse.long * size, ellipse.short * size);
+    // The ellipse a x² + b x y + c y² < 1, wider than the footprint by a texel's own extent (the + 1,
+    // which also keeps it from falling between texels).
+    let (a, c) = (long.y * long.y + short.y * short.y + 1.0, long.x * long.x + short.x * short.x + 1.0);
+    let b = -2.0 * (long.x * long.y + short.x * short.y);
+    let scale = 1.0 / (a * c - 0.25 * b * b);
+    // The level bounds the short axis to two texels, and so the long one; there is more only where
+    // rounding has run wild.
+    let most = Vec2::splat(2.0 * MAX_ANISOTROPY + 2.0);
+    let reach = Vec2::new(c.sqrt(), a.sqrt()).min(most);
+    let (a, b, c) = (a * scale, b * scale, c * scale);
+    let half = 0.5 / a;
     let (mut sum, mut weights) = (Vec4::ZERO, 0.0);
-    for y in lo.y as i32..=hi.y as i32 {
+    for y in (p.y - reach.y).ceil() as i32..=(p.y + reach.y).floor() as i32 {
         let dy = y as f32 - p.y;
-        for x in lo.x as i32..=hi.x as i32 {
-            let dx = x as f32 - p.x;
-            let r2 = c.0 * dx * dx + c.1 * dx * dy + c.2 * dy * dy;
-            if r2 < 1.0 {
-                let weight = EWA_WEIGHTS[((r2 * EWA_STEPS as f32) as usize).min(EWA_STEPS - 1)];
-                sum += weight * wrapped_texel(s, level, x, y, wrap);
-                weights += weight;
-            }
+        // Where the row enters and leaves the ellipse.
+        let (b, c) = (b * dy, c * dy * dy);
+        let root = (b * b - 4.0 * a * (c - 1.0)).max(0.0).sqrt() * half;
+        let middle = p.x - b * half;
+        let x0 = (middle - root).max(p.x - reach.x).ceil();
+        let (x1, y1) = ((middle + root).min(p.x + reach.x).floor() as i32 + 1, y as u32);
+        let mut dx = x0 - p.x;
+        let mut add = |texel: Vec4| {
+            let w = weight((a * dx + b) * dx + c);
+            sum += w * texel;
+            weights += w;
+            dx += 1.0;
+        };
+        let x0 = x0 as i32;
+        if x0 >= 0 && x1 <= width as i32 && y >= 0 && y < height as i32 {
+            s.run(level, x0 as u32..x1 as u32, y1, add);
+        } else {
+            (x0..x1).for_each(|x| add(wrapped_texel(s, level, x, y, wrap)));
         }
     }
+    // Where every texel lies on the ellipse's edge.
     if weights > 0.0 { sum / weights } else { bilinear(s, level, st, wrap) }
 }
 
@@ -93,9 +78,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ewa_weights_end_at_zero() {
-        assert!((EWA_WEIGHTS[0] - 0.864_664_7).abs() < 1e-6);
-        assert!(EWA_WEIGHTS[EWA_STEPS - 1].abs() < 1e-7);
-        assert!(EWA_WEIGHTS.windows(2).all(|w| w[0] > w[1]));
+    fn weights_are_those_of_the_truncated_gaussian() {
+        for i in 0..=1000 {
+            let r2 = f64::from(i) / 1000.0;
+            let want = (-2.0 * r2).exp() - (-2f64).exp();
+            assert!((f64::from(weight(r2 as f32)) - want).abs() < 7e-5, "{r2}");
+        }
+        assert_eq!(weight(1.0), 0.0);
+        assert_eq!(weight(1.1), 0.0);
     }
 }

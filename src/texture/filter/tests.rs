@@ -34,6 +34,17 @@ impl<T: Texel> Image<T> {
         Self { memory, levels, table, texel: std::marker::PhantomData }
     }
 
+    /// Levels that are of one value each.
+    pub(super) fn by_level((width, height): (u32, u32), texel: impl Fn(usize) -> T + Sync) -> Self {
+        let (mut memory, levels) = Memory::new::<T>(&pyramid::sizes(width, height)).expect("memory");
+        for (i, level) in levels.iter().enumerate() {
+            let row = |_, row: &mut Vec<T>| row.extend((0..level.width).map(|_| texel(i)));
+            level.fill_rows(&mut memory, row);
+        }
+        let table = encoding::table8(crate::scene::Encoding::Linear);
+        Self { memory, levels, table, texel: std::marker::PhantomData }
+    }
+
     pub(super) fn source(&self) -> Resident<'_, T> {
         Resident::new(&self.memory, &self.levels, &self.table)
     }
@@ -103,7 +114,8 @@ fn tiles_and_whole_images_give_the_same_bits() {
             let turn = Vec2::from_angle(i as f32 * 0.7);
             let short = 2f32.powi((i % 13) as i32 - 12);
             let long = short * (1 << (i / 13 % 6)) as f32;
-            let footprint = Footprint { duv_dx: turn * long, duv_dy: turn.perp() * short };
+            let footprint =
+                Footprint { duv_dx: turn * long, duv_dy: turn.perp() * short, random: u64::from(i) };
             let uv = Vec2::new(i as f32 * 0.372 - 700.0, 1.3 - 0.0613 * i as f32);
             for filter in FILTERS {
                 for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Black, Wrap::OctahedralSphere] {

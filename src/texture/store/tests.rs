@@ -2,6 +2,7 @@ use super::*;
 use crate::error::Location;
 use crate::scene::{TextureFilter, Wrap};
 use crate::texture::encoding;
+use crate::texture::filter::FILTERS;
 
 const ID: ImageId = ImageId(0);
 
@@ -94,7 +95,7 @@ fn averaging_happens_after_decoding() {
     let store = TextureStore::from_data(data, Encoding::Srgb, true).expect("memory");
     let mid = store.lookup(ID, Vec2::splat(0.5), Footprint::default(), Sampler::default());
     assert!((mid.x - 0.5).abs() < 1e-6);
-    let wide = Footprint { duv_dx: Vec2::X, duv_dy: Vec2::Y };
+    let wide = Footprint { duv_dx: Vec2::X, duv_dy: Vec2::Y, ..Footprint::default() };
     let all = store.lookup(ID, Vec2::splat(0.2), wide, Sampler::default());
     // The coarse level is stored at 8 bits again: half a step of sRGB at 0.5.
     assert!((all.x - 0.5).abs() < 0.003, "{all}");
@@ -126,7 +127,7 @@ fn a_footprint_reads_the_level_of_its_size() {
     let at = Vec2::splat(0.5 / 64.0);
     let get = |filter, texels: f32| {
         let d = texels / 64.0;
-        let f = Footprint { duv_dx: Vec2::new(d, 0.0), duv_dy: Vec2::new(0.0, d) };
+        let f = Footprint { duv_dx: Vec2::new(d, 0.0), duv_dy: Vec2::new(0.0, d), ..Footprint::default() };
         store.lookup(ID, at, f, sampler(filter, Wrap::Repeat)).x
     };
     use TextureFilter::{Bilinear, Ewa, Point, Trilinear};
@@ -146,7 +147,7 @@ fn without_levels_every_footprint_reads_the_finest() {
     let all = TextureStore::from_data(data, Encoding::Srgb, true).expect("memory");
     assert_eq!(one.bytes(), 64 * 64 * 4);
     assert!(all.bytes() < 64 * 64 * 4 * 4 / 3 + 1024);
-    let wide = Footprint { duv_dx: Vec2::splat(0.3), duv_dy: Vec2::splat(-0.1) };
+    let wide = Footprint { duv_dx: Vec2::splat(0.3), duv_dy: Vec2::splat(-0.1), ..Footprint::default() };
     for i in 0..100 {
         let uv = Vec2::new(i as f32 * 0.013, i as f32 * 0.071);
         let s = Sampler::default();
@@ -161,7 +162,7 @@ fn the_mean_survives_all_levels_at_odd_sizes() {
     let mean = texels.iter().sum::<f32>() / texels.len() as f32;
     let store =
         TextureStore::from_data(image(w, h, 1, Pixels::F32(texels)), Encoding::Linear, true).expect("memory");
-    let wide = Footprint { duv_dx: Vec2::X, duv_dy: Vec2::Y };
+    let wide = Footprint { duv_dx: Vec2::X, duv_dy: Vec2::Y, ..Footprint::default() };
     for filter in [TextureFilter::Bilinear, TextureFilter::Trilinear] {
         let all = store.lookup(ID, Vec2::ZERO, wide, sampler(filter, Wrap::Repeat));
         assert!((all.x - mean).abs() < 1e-5 * mean, "{} {mean}", all.x);
@@ -175,14 +176,12 @@ fn one_colour_stays_one_colour_for_every_footprint() {
     let data = image(61, 47, 3, Pixels::U8(rgb.repeat(61 * 47)));
     let store = TextureStore::from_data(data, Encoding::Srgb, true).expect("memory");
     let want = Rgb::from_array(rgb.map(|b| encoding::table8(Encoding::Srgb)[b as usize]));
-    for filter in
-        [TextureFilter::Point, TextureFilter::Bilinear, TextureFilter::Trilinear, TextureFilter::Ewa]
-    {
+    for filter in FILTERS {
         for step in 0..512 {
             let angle = Vec2::from_angle(step as f32 * 0.4);
             let short = 2f32.powi(step % 12 - 11);
             let long = short * (1 << (step / 12 % 6)) as f32;
-            let f = Footprint { duv_dx: angle * long, duv_dy: angle.perp() * short };
+            let f = Footprint { duv_dx: angle * long, duv_dy: angle.perp() * short, ..Footprint::default() };
             let uv = Vec2::new(step as f32 * 0.37, -0.61 * step as f32);
             for wrap in [Wrap::Repeat, Wrap::Clamp] {
                 let c = store.lookup(ID, uv, f, sampler(filter, wrap));
@@ -202,8 +201,8 @@ fn ewa_averages_along_its_long_axis_only() {
     let px = 1.0 / 64.0;
     let (thin, long) = (0.05 * px, 0.4 * px);
     let uv = Vec2::new(10.5 * px, 10.5 * px);
-    let along = Footprint { duv_dx: Vec2::Y * long, duv_dy: Vec2::X * thin };
-    let across = Footprint { duv_dx: Vec2::X * (8.0 * px), duv_dy: Vec2::Y * px };
+    let along = Footprint { duv_dx: Vec2::Y * long, duv_dy: Vec2::X * thin, ..Footprint::default() };
+    let across = Footprint { duv_dx: Vec2::X * (8.0 * px), duv_dy: Vec2::Y * px, ..Footprint::default() };
     assert!(store.lookup(ID, uv, along, s).x < 0.1);
     assert!((store.lookup(ID, uv, across, s).x - 0.5).abs() < 0.02);
 }
@@ -215,12 +214,10 @@ fn hostile_coordinates_and_footprints_give_finite_values() {
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 1e-40, -0.0, 3e9, -1e-9];
     for &a in &odd {
         for &b in &odd {
-            for filter in
-                [TextureFilter::Point, TextureFilter::Bilinear, TextureFilter::Trilinear, TextureFilter::Ewa]
-            {
+            for filter in FILTERS {
                 for wrap in [Wrap::Repeat, Wrap::Black, Wrap::Clamp, Wrap::OctahedralSphere] {
                     for f in [Vec2::new(a, b), Vec2::new(b, 1e-3), Vec2::new(0.1, 0.2)] {
-                        let f = Footprint { duv_dx: f, duv_dy: Vec2::new(a, 1e-3) };
+                        let f = Footprint { duv_dx: f, duv_dy: Vec2::new(a, 1e-3), ..Footprint::default() };
                         let c = store.lookup(ID, Vec2::new(a, b), f, sampler(filter, wrap));
                         assert!(
                             c.is_finite() && c.min_element() >= 0.0 && c.max_element() <= 1.0,
