@@ -44,7 +44,7 @@ impl TextureFilter {
     /// Whether it looks at the footprint, and so at coarser levels than the finest.
     #[must_use]
     pub fn reads_levels(self) -> bool {
-        matches!(self, Self::Trilinear | Self::Ewa | Self::Stochastic)
+        true
     }
 }
 
