@@ -107,7 +107,7 @@ pub struct TextureStore {
 /// What is known of an image before it is loaded.
 enum Found {
     Unused,
-    Tiled(TiledFile),
+    Tiled(Box<TiledFile>),
     /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
     Plain {
         bytes: u64,
@@ -158,7 +158,7 @@ impl TextureStore {
                 Found::Tiled(file) => {
                     let index = u32::try_from(tiled.len()).expect("images are counted in u32");
                     let image = TiledImage::new(index, &file, source.encoding);
-                    tiled.push(Box::new(FileTiles::new(file)));
+                    tiled.push(Box::new(FileTiles::new(*file)));
                     names.push(source.path.clone());
                     Some(Image::Tiled(image))
                 }
@@ -282,7 +282,7 @@ fn find(source: &ImageSource, need: ImageNeeds, files: &Arc<FilePool>) -> Result
         && let Some(file) = TiledFile::open(&source.path, source.encoding, files).map_err(place)?
         && TiledImage::is_complete(&file)
     {
-        return Ok(Found::Tiled(file));
+        return Ok(Found::Tiled(Box::new(file)));
     }
     let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(place)?;
     Ok(Found::Plain { bytes, may_tile: !need.whole })
@@ -326,7 +326,7 @@ fn convert(
         let copy = cache_dir::converted(&dir, &source.path, source.encoding, &report).map_err(place)?;
         before += own;
         let file = TiledFile::open(&copy.path, source.encoding, files)?;
-        *found = Found::Tiled(file.ok_or_else(|| {
+        *found = Found::Tiled(file.map(Box::new).ok_or_else(|| {
             let path = copy.path.display();
             Error::Resource(format!("{path}: not the tiled copy that was made; delete it and try again"))
         })?);
