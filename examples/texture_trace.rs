@@ -161,14 +161,16 @@ impl Replay<'_> {
             let (major, minor) = (long.length(), short.length());
             let ratio = (major / minor).min(32.0);
             let n = ((2.0 * ratio - 1.0) as i32).max(1);
-            // Probes a minor axis wide, evenly along what the major one has more, weighted by a Gaussian.
-            let step = 2.0 / (n + 1) as f32;
+            // Spread over what the major axis has more than the minor one; a Gaussian over the major axis.
+            let reach = long * (1.0 - 1.0 / ratio);
+            let scale = 0.5 / (1.0 - 1.0 / ratio).max(1e-6);
             let mut sum = 0.0;
             for i in 0..n {
-                let at = step * (i as f32 - (n - 1) as f32 * 0.5);
-                let weight = (-2.0 * at * at).exp();
+                let at = (2 * i + 1) as f32 / n as f32 - 1.0;
+                let x = at * scale;
+                let weight = if n <= 2 { 1.0 } else { (-2.0 * x * x).exp() };
                 sum += weight;
-                self.probes.push(Probe { st: st + long * (at * 0.5), weight });
+                self.probes.push(Probe { st: st + reach * at, weight });
             }
             self.probes.iter_mut().for_each(|p| p.weight /= sum);
             levels(major / ratio, self.top, self.side)
