@@ -26,3 +26,4 @@ mod embree_abi;
 mod generate;
 mod order;
 mod texture_files;
+mod textures;
