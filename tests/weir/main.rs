@@ -27,3 +27,5 @@ mod generate;
 mod order;
 mod texture_files;
 mod textures;
+#[cfg(unix)]
+mod textures_faults;

@@ -64,9 +64,8 @@ fn notes_on(copy: &Converted, source: &Path) -> Vec<String> {
     }
     if copy.replaced > 0 {
         let (source, n) = (source.display(), copy.replaced);
-        notes.push(format!(
-            "{source}: {n} texels are infinite or not a number; black or 65504 stands in for them"
-        ));
+        let texels = if n == 1 { "texel is" } else { "texels are" };
+        notes.push(format!("{source}: {n} {texels} infinite or not a number; 0 or 65504 stands in"));
     }
     notes
 }
