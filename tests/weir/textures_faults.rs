@@ -21,7 +21,8 @@ const TIGHT: &str = "--texture-memory 100000 --threads 1 --cache-dir cache";
 
 /// `scene.pbrt`: one square for each image, `side` in a row, seen from the front under an even sky.
 fn squares(at: &Path, names: &[&str], side: usize) {
-    let frame = Frame { size: (64, 64), spp: 16, max_depth: 1 };
+    // Footprints are below a texel of 256 in a square of two in a row: the finest level is read.
+    let frame = Frame { size: (160, 160), spp: 16, max_depth: 1 };
     let mut text = head(&orthographic(-1.0, 1.0), frame) + "LightSource \"infinite\" \"rgb L\" [ 1 1 1 ]\n";
     let step = 2.0 / side as f64;
     for (i, name) in names.iter().enumerate() {
@@ -118,7 +119,7 @@ fn magenta(path: &Path) -> [usize; 4] {
     let Pixels::F32(numbers) = &image.pixels else { panic!("a PFM has floats") };
     let mut found = [0; 4];
     for (i, p) in numbers.chunks_exact(3).enumerate() {
-        let (right, bottom) = (i % 64 >= 32, i / 64 >= 32);
+        let (right, bottom) = (i % 160 >= 80, i / 160 >= 80);
         if p[0] > 0.99 && p[1] < 0.01 && p[2] > 0.99 {
             found[usize::from(right) + 2 * usize::from(!bottom)] += 1;
         }
@@ -175,7 +176,7 @@ fn tiles_that_cannot_be_read_are_magenta_and_counted_and_said_once_a_file() {
         }
         assert!(text(&output.stdout).contains("wrote a.pfm"), "the image is written all the same");
         let seen = magenta(&at.join("a.pfm"));
-        assert!(seen[..3].iter().all(|&n| n > 20) && seen[3] == 0, "{seen:?}");
+        assert!(seen[..3].iter().all(|&n| n > 100) && seen[3] == 0, "{seen:?}");
         let cache = &stats(&at.join("s.json"))["texture_cache"];
         let failed = |v: &serde_json::Value| v["failed"].as_u64().expect("counted");
         let by_file = cache["by_file"].as_array().expect("a list");
@@ -204,13 +205,9 @@ fn files_that_cannot_be_opened_end_it_before_it_begins() {
         fs::write(at.join(name), bytes).expect("ours");
     }
     fs::set_permissions(at.join("locked.tx"), fs::Permissions::from_mode(0)).expect("ours");
-    for (name, what) in [
-        ("header.tx", ""),
-        ("cut.tx", ""),
-        ("cut.exr", ""),
-        ("none.tx", "No such file"),
-        ("locked.tx", "denied"),
-    ] {
+    for (name, what) in
+        [("header.tx", ""), ("cut.tx", ""), ("cut.exr", ""), ("none.tx", "no file"), ("locked.tx", "denied")]
+    {
         squares(at, &[name], 1);
         let line = "scene.pbrt -o a.pfm --threads 1";
         let Some(output) = (if name == "locked.tx" { as_nobody(at, line) } else { Some(run(at, line)) })
@@ -254,8 +251,8 @@ fn a_file_that_changes_under_a_render_is_never_mixed_with_what_it_was() {
     tiled(at, "a.tx", Compression::None);
     squares(at, &["a.tx"], 1);
     ended(&run(at, "scene.pbrt -o clean.pfm --threads 1"), 0, 0);
-    // 16 tiles of the finest level, 150 ms each.
-    let line = "scene.pbrt -o a.pfm --threads 1 --texture-latency-ms 150";
+    // 16 tiles of the finest level, 120 ms each.
+    let line = "scene.pbrt -o a.pfm --threads 1 --texture-latency-ms 120";
     // Another file of the name: the one that is open is read to the end.
     let output = disturbed(at, line, || {
         png(&at.join("plain.png"), (300, 200), 1);
@@ -273,7 +270,7 @@ fn a_file_that_changes_under_a_render_is_never_mixed_with_what_it_was() {
     });
     let message = ended(&output, 2, 1);
     assert!(message.contains("a.tx") && message.contains("changed while rendering"), "{message}");
-    assert!(magenta(&at.join("a.pfm")).iter().sum::<usize>() > 500, "it read what was not there before");
+    assert!(magenta(&at.join("a.pfm")).iter().sum::<usize>() > 2000, "it read what was not there before");
 }
 
 #[cfg(target_os = "linux")]
