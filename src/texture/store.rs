@@ -110,7 +110,7 @@ pub struct TextureStore {
 /// What is known of an image before it is loaded.
 enum Found {
     Unused,
-    Tiled(TiledFile),
+    Tiled(Box<TiledFile>),
     /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
     Plain {
         bytes: u64,
@@ -164,7 +164,7 @@ impl TextureStore {
                 Found::Tiled(file) => {
                     let index = u32::try_from(tiled.len()).expect("images are counted in u32");
                     let image = TiledImage::new(index, &file, source.encoding);
-                    tiled.push(Box::new(FileTiles::new(file)));
+                    tiled.push(Box::new(FileTiles::new(*file)));
                     names.push(source.path.clone());
                     Some(Image::Tiled(image))
                 }
@@ -305,7 +305,7 @@ fn find(source: &ImageSource, need: ImageNeeds, files: &Arc<FilePool>) -> Result
         && let Some(file) = TiledFile::open(&source.path, source.encoding, files).map_err(place)?
         && TiledImage::is_complete(&file)
     {
-        return Ok(Found::Tiled(file));
+        return Ok(Found::Tiled(Box::new(file)));
     }
     let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(place)?;
     Ok(Found::Plain { bytes, may_tile: !need.whole })

@@ -28,4 +28,6 @@ mod order;
 mod texture_files;
 mod textures;
 #[cfg(unix)]
+mod textures_copies;
+#[cfg(unix)]
 mod textures_faults;

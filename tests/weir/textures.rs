@@ -2,7 +2,7 @@
 //! add up, the miss-ratio curve is right about caches that were not there.
 //!
 //! Invariant: everything is made on the spot, in a directory of the test's own.
-//! Never: damages a file (`textures_faults` does) or measures time, but for reads that are slowed
+//! Never: damages a file (`textures_faults` and `textures_copies` do) or measures time, but for reads that are slowed
 //! down on purpose.
 
 use crate::support::{Frame, head, outcome, scene_beside};

@@ -1,5 +1,6 @@
-//! Textures that go wrong under a render: damaged, cut, changed, forbidden, missing; directories that
-//! are full or closed; too little memory, too few open files. Exit codes and one clear line each.
+//! Textures that go wrong under a render: damaged, cut, changed, forbidden, missing; too little memory,
+//! too few open files. Exit codes and one clear line each. (Tiled copies that go wrong are in
+//! `textures_copies`.)
 //!
 //! Invariant: every test runs in a directory of its own; what a machine does not allow is skipped
 //! and said.
@@ -15,12 +16,10 @@ use std::time::{Duration, Instant};
 use weir::texture::convert::Compression;
 use weir::texture::{Pixels, read_image};
 
-const WEIR: &str = env!("CARGO_BIN_EXE_weir");
-/// Forces tiled copies of every plain image below, and is enough for their tiles.
-const TIGHT: &str = "--texture-memory 100000 --threads 1 --cache-dir cache";
+pub(crate) const WEIR: &str = env!("CARGO_BIN_EXE_weir");
 
 /// `scene.pbrt`: one square for each image, `side` in a row, seen from the front under an even sky.
-fn squares(at: &Path, names: &[&str], side: usize) {
+pub(crate) fn squares(at: &Path, names: &[&str], side: usize) {
     // Footprints are below a texel of 256 in a square of two in a row: the finest level is read.
     let frame = Frame { size: (160, 160), spp: 16, max_depth: 1 };
     let mut text = head(&orthographic(-1.0, 1.0), frame) + "LightSource \"infinite\" \"rgb L\" [ 1 1 1 ]\n";
@@ -38,7 +37,7 @@ fn squares(at: &Path, names: &[&str], side: usize) {
     fs::write(at.join("scene.pbrt"), text).expect("writable");
 }
 
-fn directory() -> tempfile::TempDir {
+pub(crate) fn directory() -> tempfile::TempDir {
     let d = tempfile::tempdir().expect("a temporary directory");
     // Somebody else reads here too.
     fs::set_permissions(d.path(), fs::Permissions::from_mode(0o777)).expect("ours");
@@ -51,24 +50,24 @@ fn tiled(at: &Path, name: &str, compression: Compression) {
     tile(&at.join("plain.png"), &at.join(name), compression);
 }
 
-fn weir(at: &Path, line: &str) -> Command {
+pub(crate) fn weir(at: &Path, line: &str) -> Command {
     let mut command = Command::new(WEIR);
     command.current_dir(at).args(line.split_ascii_whitespace()).env_remove("RUST_BACKTRACE");
     command
 }
 
-fn run(at: &Path, line: &str) -> Output {
+pub(crate) fn run(at: &Path, line: &str) -> Output {
     weir(at, line).output().expect("weir starts")
 }
 
 /// Through a shell that does something first.
-fn shell(at: &Path, before: &str, line: &str) -> Output {
+pub(crate) fn shell(at: &Path, before: &str, line: &str) -> Output {
     let script = format!("{before}; exec {WEIR} {line}");
     Command::new("sh").current_dir(at).args(["-c", &script]).output().expect("a shell")
 }
 
 /// As somebody who may not read everything; `None`, and a note, where that cannot be had.
-fn as_nobody(at: &Path, line: &str) -> Option<Output> {
+pub(crate) fn as_nobody(at: &Path, line: &str) -> Option<Output> {
     let root = Command::new("id").arg("-u").output().is_ok_and(|o| o.stdout == b"0\n");
     if !root {
         return Some(run(at, line));
@@ -87,28 +86,21 @@ fn as_nobody(at: &Path, line: &str) -> Option<Output> {
     nobody(line).ok()
 }
 
-fn text(bytes: &[u8]) -> String {
+pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
 /// Standard error of a run that ended with `code`, of `lines` lines.
 #[track_caller]
-fn ended(output: &Output, code: i32, lines: usize) -> String {
+pub(crate) fn ended(output: &Output, code: i32, lines: usize) -> String {
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(code), "{message}");
     assert_eq!(message.lines().count(), lines, "{message}");
     message
 }
 
-/// Files of a directory that end so.
-fn names(at: &Path, end: &str) -> Vec<String> {
-    let Ok(entries) = fs::read_dir(at) else { return Vec::new() };
-    let names = entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned());
-    names.filter(|n| n.ends_with(end)).collect()
-}
-
 #[track_caller]
-fn same_picture(at: &Path, a: &str, b: &str) {
+pub(crate) fn same_picture(at: &Path, a: &str, b: &str) {
     let pixels = |name: &str| read_image(&at.join(name)).unwrap_or_else(|e| panic!("{e}")).pixels;
     assert!(pixels(a) == pixels(b), "{a} and {b} differ");
 }
@@ -132,7 +124,7 @@ fn stats(path: &Path) -> serde_json::Value {
 }
 
 /// The place of the first tile's entry in an uncompressed file's table of places.
-fn first_offset(bytes: &[u8]) -> usize {
+pub(crate) fn first_offset(bytes: &[u8]) -> usize {
     let known: Vec<u8> = [4096u32, 4096 + 12_288].iter().flat_map(|o| o.to_le_bytes()).collect();
     bytes.windows(8).rposition(|w| w == known).expect("tiles stand one behind the other")
 }
@@ -204,7 +196,7 @@ fn files_that_cannot_be_opened_end_it_before_it_begins() {
         }
         fs::write(at.join(name), bytes).expect("ours");
     }
-    fs::set_permissions(at.join("locked.tx"), fs::Permissions::from_mode(0)).expect("ours");
+    fs::set_permissions(at.join("locked.tx"), fs::Permissions::from_mode(0o000)).expect("ours");
     for (name, what) in
         [("header.tx", ""), ("cut.tx", ""), ("cut.exr", ""), ("none.tx", "no file"), ("locked.tx", "denied")]
     {
@@ -273,83 +265,6 @@ fn a_file_that_changes_under_a_render_is_never_mixed_with_what_it_was() {
     assert!(magenta(&at.join("a.pfm")).iter().sum::<usize>() > 2000, "it read what was not there before");
 }
 
-#[cfg(target_os = "linux")]
-#[test]
-fn a_full_disk_under_the_cache_directory_is_said_and_leaves_nothing() {
-    let d = directory();
-    let at = d.path();
-    png(&at.join("a.png"), (300, 200), 3);
-    squares(at, &["a.png"], 1);
-    fs::create_dir(at.join("cache")).expect("ours");
-    let line = format!("scene.pbrt -o a.pfm {TIGHT}");
-    let check = |output: &Output| {
-        let message = ended(output, 3, 1);
-        assert!(message.contains("--cache-dir") && message.contains("a.png"), "{message}");
-        assert!(!at.join("a.pfm").exists());
-    };
-    let mount = "mount -t tmpfs -o size=64k none cache";
-    let mounts = |script: &str| {
-        Command::new("unshare").current_dir(at).args(["-m", "sh", "-c", script]).output().expect("unshare")
-    };
-    if mounts(mount).status.success() {
-        let output = mounts(&format!("{mount} && {WEIR} {line}; code=$?; ls -A cache; exit $code"));
-        check(&output);
-        let left = text(&output.stdout);
-        assert!(!left.contains(".tx") && !left.contains(".part"), "{left}");
-    } else {
-        eprintln!("left out: a full file system, which this user may not mount");
-    }
-    // 128 blocks of 512 bytes; the signal that comes with the limit is ignored.
-    check(&shell(at, "trap '' XFSZ; ulimit -f 128", &line));
-    assert!(names(&at.join("cache"), ".tx").is_empty() && names(&at.join("cache"), ".part").is_empty());
-    ended(&run(at, &line), 0, 0);
-}
-
-#[test]
-fn a_closed_cache_directory_serves_what_it_has() {
-    let d = directory();
-    let at = d.path();
-    png(&at.join("a.png"), (300, 200), 3);
-    squares(at, &["a.png"], 1);
-    let cache = at.join("cache");
-    fs::create_dir(&cache).expect("ours");
-    let close = || fs::set_permissions(&cache, fs::Permissions::from_mode(0o555)).expect("ours");
-    close();
-    let line = format!("scene.pbrt {TIGHT}");
-    let Some(output) = as_nobody(at, &format!("{line} -o b.pfm")) else { return };
-    let message = ended(&output, 3, 1);
-    assert!(message.contains("--cache-dir") && message.contains("denied"), "{message}");
-    assert!(!at.join("b.pfm").exists());
-    fs::set_permissions(&cache, fs::Permissions::from_mode(0o755)).expect("ours");
-    ended(&run(at, &format!("{line} -o a.pfm")), 0, 0);
-    close();
-    let Some(output) = as_nobody(at, &format!("{line} -o b.pfm")) else { return };
-    ended(&output, 0, 0);
-    same_picture(at, "a.pfm", "b.pfm");
-    fs::set_permissions(&cache, fs::Permissions::from_mode(0o755)).expect("ours");
-}
-
-#[test]
-fn two_renders_that_want_the_same_copy_make_one() {
-    let d = directory();
-    let at = d.path();
-    png(&at.join("a.png"), (1500, 1100), 3);
-    squares(at, &["a.png"], 1);
-    let start = |name: &str| {
-        let mut command = weir(at, &format!("scene.pbrt -q -o {name} {TIGHT}"));
-        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("weir starts")
-    };
-    for child in [start("a.pfm"), start("b.pfm")] {
-        ended(&child.wait_with_output().expect("it ran"), 0, 0);
-    }
-    same_picture(at, "a.pfm", "b.pfm");
-    assert_eq!(names(&at.join("cache"), ".tx").len(), 1);
-    assert!(names(&at.join("cache"), ".part").is_empty());
-    // The same as with no copy at all.
-    ended(&run(at, "scene.pbrt -o c.pfm --texture-memory 1G"), 0, 0);
-    same_picture(at, "a.pfm", "c.pfm");
-}
-
 #[test]
 fn too_small_a_budget_names_one_that_works() {
     let d = directory();
@@ -364,49 +279,6 @@ fn too_small_a_budget_names_one_that_works() {
         ended(&run(at, &format!("{line} {enough}")), 0, 0);
         ended(&run(at, &format!("{line} {}", enough - 1)), 2, 1);
     }
-}
-
-#[test]
-fn a_damaged_copy_is_made_again_with_a_note() {
-    let d = directory();
-    let at = d.path();
-    png(&at.join("a.png"), (300, 200), 3);
-    squares(at, &["a.png"], 1);
-    let line = format!("scene.pbrt {TIGHT} -o");
-    ended(&run(at, &format!("{line} a.pfm")), 0, 0);
-    let copies = names(&at.join("cache"), ".tx");
-    let copy = at.join("cache").join(&copies[0]);
-    let whole = fs::read(&copy).expect("there");
-    let mut header = whole.clone();
-    header[..8].fill(0);
-    for damaged in [&whole[..whole.len() / 2], &header, b""] {
-        fs::write(&copy, damaged).expect("ours");
-        let message = ended(&run(at, &format!("{line} b.pfm")), 0, 1);
-        assert!(message.contains(&copies[0]) && message.contains("made again from"), "{message}");
-        same_picture(at, "a.pfm", "b.pfm");
-        ended(&run(at, &format!("{line} b.pfm")), 0, 0);
-        assert_eq!(fs::read(&copy).expect("there"), whole);
-    }
-    // Of the right length, its own words intact: found out at the tile, and the copy is named.
-    let mut index = whole.clone();
-    let entry = first_offset(&index);
-    index[entry..entry + 4].copy_from_slice(&0x7fff_0000u32.to_le_bytes());
-    fs::write(&copy, index).expect("ours");
-    let message = ended(&run(at, &format!("{line} b.pfm")), 2, 1);
-    assert!(message.contains(&copies[0]), "{message}");
-}
-
-#[test]
-fn texels_that_are_no_numbers_are_told_when_a_copy_is_made() {
-    let d = directory();
-    let at = d.path();
-    let numbers = (0..150 * 100 * 3).map(|i| if i == 30_000 { f32::NAN } else { 0.5 });
-    let mut data = b"PF\n150 100\n-1.0\n".to_vec();
-    data.extend(numbers.flat_map(f32::to_le_bytes));
-    fs::write(at.join("a.pfm"), data).expect("ours");
-    squares(at, &["a.pfm"], 1);
-    let message = ended(&run(at, &format!("scene.pbrt -o b.pfm {TIGHT}")), 0, 1);
-    assert!(message.contains("a.pfm: 1 texel is infinite or not a number"), "{message}");
 }
 
 #[test]

@@ -42,7 +42,7 @@ pub(super) fn convert(
         before += own;
         notes.extend(notes_on(&copy, &source.path));
         *found = Found::Tiled(match TiledFile::open(&copy.path, source.encoding, files) {
-            Ok(Some(file)) if TiledImage::is_complete(&file) => file,
+            Ok(Some(file)) if TiledImage::is_complete(&file) => Box::new(file),
             Err(e @ Error::Io { .. }) => return Err(e),
             // The scene is not to blame, and only a person may delete what is not ours for certain.
             Ok(_) | Err(_) => {
