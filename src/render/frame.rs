@@ -301,8 +301,8 @@ fn balance(pixels: &mut [[f32; 3]], film: &Film) {
 enum Order {
     /// A pass over the whole film before the next: whenever it is stopped, the image is whole.
     Passes,
-    /// One pass over the whole film, then all others tile by tile: what a tile's rays read is read
-    /// once or twice, and not again for every pass.
+    /// All passes of a tile before the next tile: what its rays read is read once, and not again for
+    /// every pass. Tiles that are not reached before it is stopped stay black.
     Tiles,
 }
 
@@ -366,8 +366,7 @@ impl<A: Accel> Job<'_, A> {
             let (round, place) = (item / tiles, item % tiles);
             let work = match self.order {
                 Order::Passes if round < passes => round..round + 1,
-                Order::Tiles if round == 0 => 0..1,
-                Order::Tiles if round == 1 => 1..passes,
+                Order::Tiles if round == 0 => 0..passes,
                 _ => break,
             };
             // They were u32 before they were multiplied.

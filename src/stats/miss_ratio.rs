@@ -103,13 +103,14 @@ impl StackDistances {
         (first as f64 + far / rate).min(references as f64)
     }
 
-    /// Distances at which something changes, in bytes, rising: where a curve is worth drawing.
+    /// Sizes of caches at which something changes, in bytes, rising, and a little beyond the largest:
+    /// where a curve is worth drawing.
     #[must_use]
     pub fn sizes(&self) -> Vec<u64> {
         let first = self.histogram.iter().position(|w| *w > 0.0);
         let last = self.histogram.iter().rposition(|w| *w > 0.0);
         let (Some(first), Some(last)) = (first, last) else { return Vec::new() };
-        (first..=last).map(|i| ((i as f64 + 1.0) / PARTS).exp2() as u64).collect()
+        (first..=last + PARTS as usize / 2).map(|i| ((i as f64 + 1.0) / PARTS).exp2() as u64).collect()
     }
 
     /// Gives up the key with the largest hash, and scales what was counted under the old threshold.
@@ -265,6 +266,6 @@ mod tests {
         (0..1000).for_each(|_| distances.record(7, 100));
         assert_eq!(distances.misses(97, 1000, 1) as u64, 1000);
         assert_eq!(distances.misses(102, 1000, 1) as u64, 1);
-        assert_eq!(distances.sizes().len(), 1);
+        assert_eq!(distances.sizes().len(), 1 + PARTS as usize / 2);
     }
 }

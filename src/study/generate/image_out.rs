@@ -1,15 +1,17 @@
 //! Textures and sky images, streamed row by row. Invariant: a row is written before the next is
 //! asked for, so memory is a row and the encoder's window. Never holds an image.
 
-use crate::error::{Error, Result};
-use crate::film::replace::replace_file_unsynced;
+use crate::error::Result;
+use crate::replace::replace_file_unsynced;
+use crate::texture::convert::{Compression, write_rgb8};
+use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// How textures are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextureFormat {
-    /// Tiled and mip-mapped OpenEXR.
+    /// Tiled and mip-mapped TIFF, uncompressed, which is read at the tile and written once.
     Tx,
     /// 8-bit PNG, which every renderer reads.
     Png,
@@ -29,44 +31,40 @@ impl TextureFormat {
 /// Writes an 8-bit RGB image, whole or not at all: `row(y, bytes)` fills row `y` from the top.
 ///
 /// # Errors
-/// [`Error::Usage`] for a format that is not there; [`Error::Io`] with `path`.
+/// [`Error::Io`](crate::error::Error::Io) with `path`.
 pub(super) fn write_texture(
     path: &Path,
     format: TextureFormat,
     (width, height): (u32, u32),
     mut row: impl FnMut(u32, &mut [u8]),
 ) -> Result<()> {
-    check_format(format)?;
-    replace_file_unsynced(path, |out| {
-        let mut encoder = png::Encoder::new(BufWriter::with_capacity(1 << 18, out), width, height);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Fast);
-        encoder.set_filter(png::Filter::Sub);
-        let mut writer = encoder.write_header().map_err(plain)?;
-        let mut stream = writer.stream_writer_with_size(1 << 17).map_err(plain)?;
-        let mut bytes = vec![0; width as usize * 3];
-        for y in 0..height {
-            row(y, &mut bytes);
-            stream.write_all(&bytes)?;
-        }
-        stream.finish().map_err(plain)?;
-        writer.finish().map_err(plain)
-    })
+    match format {
+        TextureFormat::Tx => replace_file_unsynced(path, |out| {
+            write_rgb8(out, (width, height), Compression::None, "generated", &mut row).map(drop)
+        }),
+        TextureFormat::Png => replace_file_unsynced(path, |out| write_png(out, (width, height), row)),
+    }
 }
 
-/// Whether textures can be written in this format.
-///
-/// # Errors
-/// [`Error::Usage`] when not.
-pub(super) fn check_format(format: TextureFormat) -> Result<()> {
-    match format {
-        TextureFormat::Png => Ok(()),
-        TextureFormat::Tx => {
-            let message = "textures cannot be written as .tx yet; use --texture-format png";
-            Err(Error::Usage(message.to_owned()))
-        }
+fn write_png(
+    out: &mut BufWriter<File>,
+    (width, height): (u32, u32),
+    mut row: impl FnMut(u32, &mut [u8]),
+) -> io::Result<()> {
+    let mut encoder = png::Encoder::new(BufWriter::with_capacity(1 << 18, out), width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    encoder.set_filter(png::Filter::Sub);
+    let mut writer = encoder.write_header().map_err(plain)?;
+    let mut stream = writer.stream_writer_with_size(1 << 17).map_err(plain)?;
+    let mut bytes = vec![0; width as usize * 3];
+    for y in 0..height {
+        row(y, &mut bytes);
+        stream.write_all(&bytes)?;
     }
+    stream.finish().map_err(plain)?;
+    writer.finish().map_err(plain)
 }
 
 fn plain(e: png::EncodingError) -> io::Error {
@@ -79,7 +77,7 @@ fn plain(e: png::EncodingError) -> io::Error {
 /// Writes linear floats as a portable float map: `row(y, texels)` fills row `y` from the top.
 ///
 /// # Errors
-/// [`Error::Io`] with `path`.
+/// [`Error::Io`](crate::error::Error::Io) with `path`.
 pub(super) fn write_float_map(
     path: &Path,
     (width, height): (u32, u32),

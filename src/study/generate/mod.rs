@@ -149,7 +149,6 @@ pub fn generate(recipe: &Recipe, progress: Progress<'_>) -> Result<Written> {
     };
     within("triangles", recipe.triangles, &TRIANGLES)?;
     within("bytes of textures", recipe.texture_bytes, &TEXTURE_BYTES)?;
-    image_out::check_format(recipe.format)?;
     let plan = match recipe.kind {
         Kind::Terrain => terrain::plan(recipe)?,
         Kind::City => city::plan(recipe)?,

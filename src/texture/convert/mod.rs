@@ -8,6 +8,7 @@
 
 mod exr_out;
 pub mod fingerprint;
+mod made;
 mod source;
 mod stream;
 mod tiff_out;
@@ -18,6 +19,7 @@ use super::texels::Texel;
 use crate::error::Error;
 use crate::scene::Encoding;
 use glam::Vec4;
+pub use made::write_rgb8;
 use source::Source;
 pub(super) use source::read_float_tiff;
 use std::io::{self, Seek, Write};
