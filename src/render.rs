@@ -50,6 +50,9 @@ pub struct Outcome {
     pub stats: RenderStats,
     /// Whether it was stopped before its last sample.
     pub interrupted: bool,
+    /// One line each: what a person should know though the image is as the scene wants it, such as
+    /// textures' copies that were damaged and were made again.
+    pub notes: Vec<String>,
     /// One line for each texture file of which some tile could not be read, and is magenta.
     pub unreadable: Vec<String>,
 }

@@ -183,6 +183,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         replace_with_bytes(path, json.as_bytes())?;
     }
     if !options.quiet {
+        outcome.notes.iter().for_each(|line| note(&format!("warning: {line}")));
         note_what_is_odd(&outcome);
         print(&summary(&outcome.stats, &outputs, options.stats.as_deref()))?;
     }

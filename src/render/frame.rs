@@ -158,10 +158,11 @@ pub(super) fn render(
         stats.miss_ratio.texture = cache.miss_ratio_curve();
         unreadable = cache.failures();
     }
+    let notes = textures.store().notes().to_vec();
     let mut image = Image::cropped(film.size, film.crop);
     image.pixels = job.buffer.resolve();
     balance(&mut image.pixels, &film);
-    Ok(Outcome { image, stats, interrupted, unreadable })
+    Ok(Outcome { image, stats, interrupted, notes, unreadable })
 }
 
 /// The scene's film with what the command line overrides.

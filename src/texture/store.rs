@@ -9,15 +9,16 @@
 //! (NaN) and ±65504 (infinities), so that one bad pixel of a file does not become a bad image.
 //! Never decides what is needed.
 
+mod copies;
+
 use super::attached::{self, Attached};
-use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource};
-use super::cache_dir;
+use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
 use super::filter::{self, Footprint, Sampler};
 use super::image_io::{ImageData, Pixels, decoded_bytes, read_image};
 use super::pyramid;
 use super::rules::{Build, Facts, Kind, Rules, Sample};
 use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
-use super::tiled::{Caching, DEFAULT_OPEN_FILES, FilePool, TiledFile};
+use super::tiled::{Caching, FilePool, TiledFile, open_file_limit};
 use super::tiles::{FileTiles, Probe, TiledImage};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -102,6 +103,8 @@ pub struct TextureStore {
     cache: Option<Box<TileCache>>,
     /// The files of the cache.
     names: Vec<PathBuf>,
+    /// What a person should know of tiled copies that were made.
+    notes: Vec<String>,
 }
 
 /// What is known of an image before it is loaded.
@@ -133,16 +136,19 @@ impl TextureStore {
         progress: &(dyn Fn(u64, u64) + Sync),
     ) -> Result<Self> {
         assert_eq!(sources.len(), needs.len(), "one need per image");
-        let files = Arc::new(FilePool::new(DEFAULT_OPEN_FILES, options.caching));
+        let files = Arc::new(FilePool::new(open_file_limit(), options.caching));
         let found: Vec<Result<Found>> =
             sources.par_iter().zip(needs).map(|(source, need)| find(source, *need, &files)).collect();
         let found: Vec<Found> = found.into_iter().collect::<Result<_>>()?;
         let whole: u64 =
             found.iter().map(|f| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 }).sum();
-        let fits = whole <= options.budget;
+        // Files that are tiled already need room beside them.
+        let tile = |f: &Found| if let Found::Tiled(file) = f { Some(file.tile_bytes()) } else { None };
+        let room = found.iter().filter_map(tile).max().map_or(0, |tile| least_budget(tile, options.threads));
+        let fits = whole.saturating_add(room) <= options.budget;
         let copies: Vec<bool> =
             found.iter().map(|f| !fits && matches!(f, Found::Plain { may_tile: true, .. })).collect();
-        let found = convert(found, &copies, sources, &files, options, progress)?;
+        let (found, notes) = copies::convert(found, &copies, sources, &files, options, progress)?;
 
         let mut tiled: Vec<Box<dyn TileSource>> = Vec::new();
         let mut names = Vec::new();
@@ -168,9 +174,15 @@ impl TextureStore {
         for (i, stored) in plain.into_iter().zip(decoded) {
             images[i] = Some(Image::Whole(stored?));
         }
-        let mut store = Self { images, cache: None, names };
+        let mut store = Self { images, cache: None, names, notes };
         if !tiled.is_empty() {
-            let budget = options.budget.saturating_sub(store.bytes());
+            let whole = store.bytes();
+            let largest = tiled.iter().map(|t| t.tile_bytes()).max().unwrap_or(0);
+            let least = whole + least_budget(largest, options.threads);
+            if options.budget < least {
+                return Err(too_small(options, least, whole));
+            }
+            let budget = options.budget - whole;
             let options = CacheOptions { budget, threads: options.threads, latency: options.latency };
             store.cache = Some(Box::new(TileCache::new(tiled, options)?));
         }
@@ -184,7 +196,12 @@ impl TextureStore {
     pub fn from_data(data: ImageData, encoding: Encoding, mip_levels: bool) -> Result<Self> {
         let stored = store(data, encoding, mip_levels)
             .map_err(|e| Error::Resource(format!("no memory for an image's texels: {e}")))?;
-        Ok(Self { images: vec![Some(Image::Whole(stored))], cache: None, names: Vec::new() })
+        Ok(Self {
+            images: vec![Some(Image::Whole(stored))],
+            cache: None,
+            names: Vec::new(),
+            notes: Vec::new(),
+        })
     }
 
     /// Filtered linear value at `uv` (v = 0 is the bottom edge) over `footprint`; black for an
@@ -243,6 +260,12 @@ impl TextureStore {
         self.cache.as_deref().map(|cache| (cache, &self.names[..]))
     }
 
+    /// One line each: tiled copies that were damaged and were made again, texels that were replaced.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     /// Width and height in texels of the finest level; `None` for an image that was not loaded.
     #[must_use]
     pub fn size(&self, id: ImageId) -> Option<(u32, u32)> {
@@ -288,6 +311,15 @@ fn find(source: &ImageSource, need: ImageNeeds, files: &Arc<FilePool>) -> Result
     Ok(Found::Plain { bytes, may_tile: !need.whole })
 }
 
+/// `whole` bytes of the budget go to images that cannot be had tile by tile, or are in memory anyway.
+fn too_small(options: &TextureOptions, least: u64, whole: u64) -> Error {
+    let TextureOptions { budget, threads, .. } = options;
+    let beside = if whole > 0 { format!(" beside {whole} bytes of images in memory") } else { String::new() };
+    Error::Usage(format!(
+        "a texture memory of {budget} bytes is too small: {threads} threads need at least {least} (--texture-memory {least}), two tiles each{beside}"
+    ))
+}
+
 fn decode(source: &ImageSource, need: ImageNeeds) -> Result<Stored> {
     let data = read_image(&source.path).map_err(|e| match e {
         Error::Resource(_) => e,
@@ -295,43 +327,6 @@ fn decode(source: &ImageSource, need: ImageNeeds) -> Result<Stored> {
     })?;
     store(data, source.encoding, need.mip_levels)
         .map_err(|e| Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display())))
-}
-
-/// Puts tiled copies in the place of the images in `copies`, making those that are not there. Each
-/// conversion uses all cores.
-fn convert(
-    mut found: Vec<Found>,
-    copies: &[bool],
-    sources: &[ImageSource],
-    files: &Arc<FilePool>,
-    options: &TextureOptions,
-    progress: &(dyn Fn(u64, u64) + Sync),
-) -> Result<Vec<Found>> {
-    if !copies.contains(&true) {
-        return Ok(found);
-    }
-    let dir = options.cache_dir.clone().map_or_else(cache_dir::default_dir, Ok)?;
-    let bytes = |f: &Found| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 };
-    let total: u64 = found.iter().zip(copies).filter(|(_, copy)| **copy).map(|(f, _)| bytes(f)).sum();
-    let mut before = 0;
-    for ((found, source), _) in found.iter_mut().zip(sources).zip(copies).filter(|(_, copy)| **copy) {
-        let own = bytes(found);
-        let report = |rows: u64, of: u64| {
-            progress(before + (own as f64 * rows as f64 / of.max(1) as f64) as u64, total);
-        };
-        let place = |e| match e {
-            Error::Resource(_) => e,
-            e => Error::at(&source.at, format!("image {e}")),
-        };
-        let copy = cache_dir::converted(&dir, &source.path, source.encoding, &report).map_err(place)?;
-        before += own;
-        let file = TiledFile::open(&copy.path, source.encoding, files)?;
-        *found = Found::Tiled(file.map(Box::new).ok_or_else(|| {
-            let path = copy.path.display();
-            Error::Resource(format!("{path}: not the tiled copy that was made; delete it and try again"))
-        })?);
-    }
-    Ok(found)
 }
 
 fn store(data: ImageData, encoding: Encoding, mip_levels: bool) -> std::io::Result<Stored> {

@@ -26,3 +26,8 @@ mod embree_abi;
 mod generate;
 mod order;
 mod texture_files;
+mod textures;
+#[cfg(unix)]
+mod textures_copies;
+#[cfg(unix)]
+mod textures_faults;

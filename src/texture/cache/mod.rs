@@ -143,6 +143,13 @@ fn key(file: u32, tile: u32) -> u64 {
     u64::from(file) << 32 | u64::from(tile)
 }
 
+/// Least budget for tiles of `tile_bytes` and `threads` threads: two tiles a thread, one that is in
+/// use and one that is being read.
+#[must_use]
+pub fn least_budget(tile_bytes: usize, threads: usize) -> u64 {
+    2 * threads.max(1) as u64 * cost(blocks_for(tile_bytes))
+}
+
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // Every critical section leaves the data whole before anything that may panic.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)

@@ -20,6 +20,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// Files that are open at a time unless told otherwise: well below the usual limit of 1024.
 pub const DEFAULT_OPEN_FILES: usize = 128;
 
+/// Files that may be open at a time: [`DEFAULT_OPEN_FILES`], or half of what this process may open, so
+/// that the other half is left for everything else.
+#[must_use]
+pub fn open_file_limit() -> usize {
+    let most = rustix::process::getrlimit(rustix::process::Resource::Nofile).current.unwrap_or(u64::MAX);
+    usize::try_from(most / 2).unwrap_or(usize::MAX).min(DEFAULT_OPEN_FILES)
+}
+
 /// What becomes of the bytes that are read, in the operating system's memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Caching {

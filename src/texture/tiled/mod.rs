@@ -16,7 +16,7 @@ mod shape;
 mod tiff;
 mod window;
 
-pub use files::{Caching, DEFAULT_OPEN_FILES, FilePool};
+pub use files::{Caching, DEFAULT_OPEN_FILES, FilePool, open_file_limit};
 pub use shape::TileLevel;
 
 use crate::error::{Error, Result};
