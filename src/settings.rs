@@ -27,9 +27,9 @@ pub enum Estimator {
 /// may say it for all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
 pub enum TextureFilter {
-    /// Nearest texel.
+    /// Nearest texel of one level.
     Point,
-    /// Four texels of the finest level (pbrt's default).
+    /// Four texels of one level (pbrt's default).
     #[default]
     Bilinear,
     /// Eight texels of two levels.
@@ -38,14 +38,6 @@ pub enum TextureFilter {
     Ewa,
     /// One texel of the footprint at random, which is [`Self::Ewa`] in the mean.
     Stochastic,
-}
-
-impl TextureFilter {
-    /// Whether it looks at the footprint, and so at coarser levels than the finest.
-    #[must_use]
-    pub fn reads_levels(self) -> bool {
-        true
-    }
 }
 
 /// What the command line may override; `None` keeps what the scene file says.

@@ -16,7 +16,7 @@ pub use flat::Surfaces;
 pub use load::{Opacity, SceneGeometry, load};
 pub use point::{Needs, SurfacePoint, offset_origin};
 pub use quadric::Quadric;
-pub use tangents::Tangents;
+pub use tangents::{FootprintEllipse, Tangents};
 
 use crate::math::Transform;
 use crate::scene::{AreaLightId, MaterialId, MediumInterface, TextureId};

@@ -2,52 +2,82 @@
 //! and how it bends. Asked for apart from the surface point, since few hits need it. World space;
 //! never more than a first-order answer.
 
-use super::{Patches, SurfaceShape, Surfaces, vec3};
+use super::{Mesh, Patches, SurfaceShape, Surfaces, vec3};
 use crate::accel::{Hit, NONE, Ray};
 use crate::math::Vec3;
-use glam::{Mat3, Vec2};
+use glam::{Mat3, Vec2, Vec3A};
 
 /// Two vectors in the tangent plane with the change of (u, v) along each.
 #[derive(Clone, Copy, Debug)]
 pub struct Tangents {
     /// The vectors.
-    pub along: [Vec3; 2],
+    pub along: [Vec3A; 2],
     /// What they change.
     pub duv: [Vec2; 2],
 }
 
-impl Tangents {
-    /// Change of (u, v) along `h`, a vector in the plane; zero where the surface is degenerate.
-    #[inline]
+/// A footprint in the tangent plane: an ellipse with perpendicular axes.
+#[derive(Clone, Copy, Debug)]
+pub struct FootprintEllipse {
+    /// Unit normal of the plane.
+    pub n: Vec3A,
+    /// One axis's direction, of any length; the other is n × this.
+    pub along: Vec3A,
+    /// What the two are multiplied by.
+    pub scale: [f32; 2],
+}
+
+impl FootprintEllipse {
+    /// Its axes.
+    #[inline(always)]
     #[must_use]
-    pub fn uv(&self, h: Vec3) -> Vec2 {
+    pub fn axes(&self) -> [Vec3; 2] {
+        [(self.along * self.scale[0]).into(), (self.n.cross(self.along) * self.scale[1]).into()]
+    }
+}
+
+impl Tangents {
+    /// The same, field by field; see `SurfacePoint::apart`.
+    #[inline(always)]
+    fn apart(self) -> Self {
+        let Self { along: [a, b], duv: [da, db] } = self;
+        Self { along: [a, b], duv: [da, db] }
+    }
+
+    /// Changes of (u, v) along the ellipse's axes; zero where the surface is degenerate.
+    #[inline(always)]
+    #[must_use]
+    pub fn uv(&self, ellipse: &FootprintEllipse) -> [Vec2; 2] {
         let [a, b] = self.along;
-        let n = a.cross(b);
-        let duv = self.duv[0] * h.cross(b).dot(n) + self.duv[1] * a.cross(h).dot(n);
-        let duv = duv / n.length_squared();
-        if duv.is_finite() { duv } else { Vec2::ZERO }
+        let FootprintEllipse { n, along, scale: [x, y] } = *ellipse;
+        let across = n.cross(along);
+        // h = (b · (n × h) a − a · (n × h) b) / (a × b · n), and n × (n × h) = −h.
+        let area = a.cross(b).dot(n);
+        let inverse = 1.0 / area;
+        let inverse = if inverse.is_finite() { inverse } else { 0.0 };
+        let [da, db] = self.duv;
+        [
+            (da * b.dot(across) - db * a.dot(across)) * (inverse * x),
+            (db * a.dot(along) - da * b.dot(along)) * (inverse * y),
+        ]
     }
 }
 
 impl Surfaces<'_> {
     /// How texture coordinates run where `hit` is on `surface`. `ray` is the ray that found it.
-    #[inline(never)]
+    #[inline(always)]
     #[must_use]
-    pub fn tangents(&self, hit: &Hit, surface: usize, ray: &Ray) -> Tangents {
+    pub fn tangents(&self, hit: &Hit, surface: usize, ray: impl FnOnce() -> Ray) -> Tangents {
+        match self.flat[surface].mesh {
+            Some(mesh) if hit.instance == NONE => mesh_tangents(mesh, hit),
+            _ => self.uncommon_tangents(hit, surface, &ray()).apart(),
+        }
+    }
+
+    #[inline(never)]
+    fn uncommon_tangents(&self, hit: &Hit, surface: usize, ray: &Ray) -> Tangents {
         let mut tangents = match &self.geometry.surfaces[surface].shape {
-            SurfaceShape::Mesh(mesh) => {
-                let [i0, i1, i2] = mesh.indices[hit.primitive as usize].map(|i| i as usize);
-                let p0 = vec3(mesh.positions[i0]);
-                let along = [vec3(mesh.positions[i1]) - p0, vec3(mesh.positions[i2]) - p0];
-                // pbrt's default coordinates where there are none.
-                let duv = if mesh.uvs.is_empty() {
-                    [Vec2::X, Vec2::ONE]
-                } else {
-                    let uv = [i0, i1, i2].map(|i| Vec2::from(mesh.uvs[i]));
-                    [uv[1] - uv[0], uv[2] - uv[0]]
-                };
-                Tangents { along, duv }
-            }
+            SurfaceShape::Mesh(mesh) => mesh_tangents(mesh, hit),
             SurfaceShape::Patches(patches) => patch_tangents(patches, hit),
             SurfaceShape::Quadric(q) => {
                 let (mut o, mut d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
@@ -57,21 +87,30 @@ impl Surfaces<'_> {
                     d = inverse.transform_vector3(d);
                 }
                 let at = q.at(o + d * f64::from(hit.t));
-                Tangents { along: [at.dpdu.as_vec3(), at.dpdv.as_vec3()], duv: [Vec2::X, Vec2::Y] }
+                Tangents { along: [at.dpdu.as_vec3a(), at.dpdv.as_vec3a()], duv: [Vec2::X, Vec2::Y] }
             }
         };
         if hit.instance != NONE {
             let t = &self.geometry.instances[hit.instance as usize].to_world;
-            tangents.along = tangents.along.map(|v| t.vector(v));
+            tangents.along = tangents.along.map(|v| t.vector(v.into()).into());
         }
         tangents
     }
 
     /// Mean curvature [1/length], positive where the surface bulges along its shading normal: of a
     /// mesh by its vertices' normals, so that one without is flat. A patch counts as flat.
-    #[inline(never)]
+    #[inline(always)]
     #[must_use]
     pub fn curvature(&self, hit: &Hit, surface: usize) -> f32 {
+        let flat = &self.flat[surface];
+        if flat.mesh.is_some() && flat.normals.is_empty() {
+            return 0.0;
+        }
+        self.curvature_of_curved(hit, surface)
+    }
+
+    #[inline(never)]
+    fn curvature_of_curved(&self, hit: &Hit, surface: usize) -> f32 {
         let surface = &self.geometry.surfaces[surface];
         let curvature = match &surface.shape {
             SurfaceShape::Mesh(mesh) if !mesh.normals.is_empty() => {
@@ -99,6 +138,21 @@ impl Surfaces<'_> {
     }
 }
 
+#[inline(always)]
+fn mesh_tangents(mesh: &Mesh, hit: &Hit) -> Tangents {
+    let [i0, i1, i2] = mesh.indices[hit.primitive as usize].map(|i| i as usize);
+    let [p0, p1, p2] = [i0, i1, i2].map(|i| Vec3A::from_array(mesh.positions[i]));
+    let along = [p1 - p0, p2 - p0];
+    // pbrt's default coordinates where there are none.
+    let duv = if mesh.uvs.is_empty() {
+        [Vec2::X, Vec2::ONE]
+    } else {
+        let uv = [i0, i1, i2].map(|i| Vec2::from(mesh.uvs[i]));
+        [uv[1] - uv[0], uv[2] - uv[0]]
+    };
+    Tangents { along, duv }
+}
+
 fn patch_tangents(patches: &Patches, hit: &Hit) -> Tangents {
     let (_, dpdu, dpdv) = patches.at(hit.primitive, hit.u.into(), hit.v.into());
     let duv = if patches.uvs.is_empty() {
@@ -108,7 +162,7 @@ fn patch_tangents(patches: &Patches, hit: &Hit) -> Tangents {
             patches.indices[hit.primitive as usize].map(|i| Vec2::from(patches.uvs[i as usize]));
         [(t10 - t00) * (1.0 - hit.v) + (t11 - t01) * hit.v, (t01 - t00) * (1.0 - hit.u) + (t11 - t10) * hit.u]
     };
-    Tangents { along: [dpdu.as_vec3(), dpdv.as_vec3()], duv }
+    Tangents { along: [dpdu.as_vec3a(), dpdv.as_vec3a()], duv }
 }
 
 #[cfg(test)]
@@ -121,6 +175,17 @@ mod tests {
     fn geometry(shape: &str) -> SceneGeometry {
         let scene = parse_str(&format!("WorldBegin\n{shape}\n"), Path::new("test.pbrt")).expect("a scene");
         load(&scene).expect("geometry")
+    }
+
+    /// Change of (u, v) along `h`, which must come out the same as either axis.
+    fn along(tangents: &Tangents, n: Vec3A, h: Vec3A) -> Vec2 {
+        let [first, _] = tangents.uv(&FootprintEllipse { n, along: h, scale: [1.0, 0.0] });
+        let turned = FootprintEllipse { n, along: h.cross(n), scale: [0.0, 1.0] };
+        let [_, second] = tangents.uv(&turned);
+        let step: Vec3 = (h - n * h.dot(n)).into();
+        assert!((turned.axes()[1] - step).length() < 1e-5 * step.length());
+        assert!((first - second).length() < 1e-4 * first.length(), "{first} {second}");
+        first
     }
 
     /// Along small steps on the surface the map gives what the surface's own coordinates give.
@@ -153,10 +218,11 @@ mod tests {
             let ray = Ray::new(Vec3::ZERO, Vec3::Z);
             let at = |u, v| surfaces.surface_point(&hit(u, v), 0, || ray);
             let (u, v) = (0.3, 0.4);
-            let tangents = surfaces.tangents(&hit(u, v), 0, &ray);
+            let tangents = surfaces.tangents(&hit(u, v), 0, || ray);
+            let n = at(u, v).ng;
             for (du, dv) in [(h, 0.0), (0.0, h), (h, -0.7 * h)] {
                 let (a, b) = (at(u - du, v - dv), at(u + du, v + dv));
-                let (got, want) = (tangents.uv((b.p - a.p).into()), b.uv - a.uv);
+                let (got, want) = (along(&tangents, n, b.p - a.p), b.uv - a.uv);
                 // Second order cancels; f32 leaves 1e-7 of the coordinates over steps of h.
                 assert!((got - want).length() < 2e-3 * want.length(), "{shape}: {got}, not {want}");
             }
@@ -172,10 +238,11 @@ mod tests {
         let hit = Hit { t: 3.0, u: 0.0, v: 0.0, geometry: 0, primitive: 0, instance: NONE };
         let at = |d: Vec3| surfaces.surface_point(&hit, 0, || ray(d));
         let d = Vec3::new(0.3, 0.8, 0.4);
-        let tangents = surfaces.tangents(&hit, 0, &ray(d));
+        let tangents = surfaces.tangents(&hit, 0, || ray(d));
+        let n = at(d).ng;
         for step in [Vec3::X, Vec3::Y, Vec3::Z] {
             let (a, b) = (at(d - step * 1e-3), at(d + step * 1e-3));
-            let (got, want) = (tangents.uv((b.p - a.p).into()), b.uv - a.uv);
+            let (got, want) = (along(&tangents, n, b.p - a.p), b.uv - a.uv);
             assert!((got - want).length() < 2e-3 * want.length(), "{got}, not {want}");
         }
         assert!((surfaces.curvature(&hit, 0) - 1.0 / 3.0).abs() < 1e-6);

@@ -5,7 +5,9 @@
 //! it; a footprint takes the absolute. Never decides what is sampled: it only says how far apart
 //! neighbouring samples are.
 
-use crate::math::{Frame, Vec3};
+use crate::geometry::FootprintEllipse;
+use crate::math::Frame;
+use glam::Vec3A;
 
 /// The cone about a ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,6 +45,7 @@ impl Cone {
     }
 
     /// The cone behind a surface that it meets after `distance`.
+    #[inline(always)]
     #[must_use]
     pub fn after(self, distance: f32, event: &Event) -> Self {
         let width = self.width_at(distance);
@@ -74,17 +77,20 @@ pub fn sample_angle(pdf: f32, scale: f32) -> f32 {
     (2.0 * scale / (std::f32::consts::PI * pdf).sqrt()).min(std::f32::consts::PI)
 }
 
-/// Axes of the ellipse that a cone of `width` about the unit direction `d` cuts from the plane with unit
-/// normal `n`: along the view and across it.
-#[inline]
+/// The ellipse that a cone of `width` about the unit direction `d` cuts from the plane with unit
+/// normal `n`: its axes along the view and across it.
+#[inline(always)]
 #[must_use]
-pub fn ellipse(width: f32, d: Vec3, n: Vec3) -> [Vec3; 2] {
+pub fn ellipse(width: f32, d: Vec3A, n: Vec3A) -> FootprintEllipse {
     let cos = d.dot(n);
-    let along = d - n * cos;
-    let length2 = along.length_squared();
-    let along = if length2 > 1e-10 { along / length2.sqrt() } else { Frame::from_z(n).x };
-    let width = width.abs();
-    [along * (width / cos.abs().max(1.0 / MAX_STRETCH)), n.cross(along) * width]
+    let mut along = d - n * cos;
+    let mut length2 = along.length_squared();
+    if length2 <= 1e-10 {
+        (along, length2) = (Frame::from_z(n.into()).x.into(), 1.0);
+    }
+    let across = width.abs() / length2.sqrt();
+    let stretched = across / cos.abs().max(1.0 / MAX_STRETCH);
+    FootprintEllipse { n, along, scale: [stretched, across] }
 }
 
 #[cfg(test)]

@@ -118,14 +118,20 @@ impl<'a> Materials<'a> {
         at: impl FnOnce() -> TextureCoordinates,
         key: impl FnOnce() -> u32,
     ) -> Scattering<'a> {
-        match &self.compiled[material as usize] {
-            Compiled::Diffuse(d) => Scattering::Diffuse(*d),
-            Compiled::TexturedDiffuse(t) => {
-                Scattering::Diffuse(Diffuse::new(albedo(self.textures.eval(*t, &at()))))
-            }
-            Compiled::Ready(b) => Scattering::Other(**b),
-            other => self.uncommon(other, &at(), key()).into(),
+        let compiled = &self.compiled[material as usize];
+        match compiled {
+            Compiled::Diffuse(d) => return Scattering::Diffuse(*d),
+            Compiled::Ready(b) => return Scattering::Other(**b),
+            _ => {}
         }
+        // Asked for in one place: `at` is compiled into it.
+        let at = at();
+        if let Compiled::TexturedDiffuse(t) = compiled {
+            return Scattering::Diffuse(Diffuse::new(albedo(self.textures.eval_here(*t, &at))));
+        }
+        // A copy: what is lent to a call must lie in memory, and the commoner `at` need not.
+        let copy = TextureCoordinates { ..at };
+        self.uncommon(compiled, &copy, key()).into()
     }
 
     #[inline(never)]

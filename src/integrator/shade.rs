@@ -122,14 +122,20 @@ impl<A: Accel> World<'_, A> {
         if depth >= self.max_depth {
             return None;
         }
-        let at = || {
-            let mut at = self.coordinates(point, path.choice_key());
-            if shading.needs.has(Needs::FOOTPRINT) {
-                self.add_footprint(&mut at, path, hit, surface, point);
-            }
-            at
-        };
-        match self.materials.scattering(shading.material, at, || path.choice_key()) {
+        let scattering = self.materials.scattering(
+            shading.material,
+            // A call would need all of it in memory, of which most look-ups read little.
+            #[inline(always)]
+            || {
+                let mut at = self.coordinates(point, path.choice_key());
+                if shading.needs.has(Needs::FOOTPRINT) {
+                    self.add_footprint(&mut at, path, hit, surface, point);
+                }
+                at
+            },
+            || path.choice_key(),
+        );
+        match scattering {
             Scattering::Diffuse(d) => self.scatter(&d, path, beta, hit, shading, point, depth, draw, shadows),
             Scattering::Other(b) => self.scatter(&b, path, beta, hit, shading, point, depth, draw, shadows),
             // An interface that `trace` did not pass, because it emits.
@@ -237,7 +243,7 @@ impl<A: Accel> World<'_, A> {
     }
 
     /// Adds what the path's cone covers of the surface.
-    #[inline(never)]
+    #[inline(always)]
     fn add_footprint(
         &self,
         at: &mut TextureCoordinates,
@@ -247,14 +253,14 @@ impl<A: Accel> World<'_, A> {
         point: &SurfacePoint,
     ) {
         let width = path.cone.width_at(path.travelled + hit.t);
-        let [x, y] = cone::ellipse(width, path.direction, point.ng.into());
-        let tangents = self.geometry.tangents(hit, surface, &Ray::new(path.origin, path.direction));
-        (at.dp_dx, at.dp_dy) = (x, y);
-        (at.duv_dx, at.duv_dy) = (tangents.uv(x), tangents.uv(y));
+        let ellipse = cone::ellipse(width, path.direction.into(), point.ng);
+        let tangents = self.geometry.tangents(hit, surface, || Ray::new(path.origin, path.direction));
+        [at.dp_dx, at.dp_dy] = ellipse.axes();
+        [at.duv_dx, at.duv_dy] = tangents.uv(&ellipse);
     }
 
     /// The path's cone behind the surface, in `direction`.
-    #[inline(never)]
+    #[inline(always)]
     fn next_cone(
         &self,
         path: &Path,

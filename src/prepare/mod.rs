@@ -2,12 +2,11 @@
 //! sampling: it only follows references.
 
 use crate::scene::{ImageId, Material, MaterialId, SceneDescription, Texture, TextureId};
-use crate::settings::TextureFilter;
 
 /// What the plan found out about an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImageNeeds {
-    /// Some filter looks at coarser levels.
+    /// A texture looks at coarser levels, as every filter does.
     pub mip_levels: bool,
     /// Something reads all of it at once, so that it cannot be had tile by tile.
     pub whole: bool,
@@ -15,13 +14,12 @@ pub struct ImageNeeds {
     pub used: bool,
 }
 
-/// For each image: whether anything visible reads it, and whether any of its readers filters over
-/// mip levels; `filter` is what all use, whatever the scene says.
+/// For each image: whether anything visible reads it, and whether it is a texture's, which reads all
+/// levels.
 #[must_use]
-pub fn image_needs(scene: &SceneDescription, filter: Option<TextureFilter>) -> Vec<ImageNeeds> {
+pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
     let mut walk = Walk {
         scene,
-        filter,
         needs: vec![ImageNeeds::default(); scene.images.len()],
         textures: vec![false; scene.textures.len()],
         materials: vec![false; scene.materials.len()],
@@ -45,7 +43,6 @@ pub fn image_needs(scene: &SceneDescription, filter: Option<TextureFilter>) -> V
 
 struct Walk<'a> {
     scene: &'a SceneDescription,
-    filter: Option<TextureFilter>,
     needs: Vec<ImageNeeds>,
     textures: Vec<bool>,
     materials: Vec<bool>,
@@ -63,8 +60,8 @@ impl Walk<'_> {
             return;
         }
         let texture = &self.scene.textures[id.index()];
-        if let Texture::Image { image, filter, .. } = texture {
-            self.image(*image, self.filter.unwrap_or(*filter).reads_levels());
+        if let Texture::Image { image, .. } = texture {
+            self.image(*image, true);
         }
         for part in texture.parts().into_iter().flatten() {
             self.texture(part);

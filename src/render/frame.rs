@@ -209,7 +209,7 @@ fn load(
     threads: usize,
     control: &Control<'_>,
 ) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
-    let needs = prepare::image_needs(scene, settings.texture_filter);
+    let needs = prepare::image_needs(scene);
     let options = TextureOptions {
         budget: settings.texture_memory.unwrap_or_else(default_texture_memory),
         threads,

@@ -111,13 +111,20 @@ impl Textures {
     }
 
     /// The texture's value; a float is grey.
-    #[inline]
+    #[inline(never)]
     #[must_use]
     pub fn eval(&self, id: TextureId, at: &TextureCoordinates) -> Rgb {
+        self.eval_here(id, at)
+    }
+
+    /// [`Self::eval`], compiled into its caller; for the commonest.
+    #[inline(always)]
+    #[must_use]
+    pub fn eval_here(&self, id: TextureId, at: &TextureCoordinates) -> Rgb {
         match &self.nodes[id.index()] {
             Texture::Constant(c) => *c,
             Texture::Image { image, mapping, filter, wrap, scale, invert, channels } => {
-                let (uv, [duv_dx, duv_dy]) = map(mapping, at, filter.reads_levels());
+                let (uv, [duv_dx, duv_dy]) = map(mapping, at, true);
                 let random = match filter {
                     TextureFilter::Stochastic => random_bits(at.key, at.p, id.0),
                     _ => 0,
@@ -127,7 +134,11 @@ impl Textures {
                 let value = self.store.lookup(*image, uv, footprint, sampler) * *scale;
                 if *invert { (Rgb::ONE - value).max(Rgb::ZERO) } else { value }
             }
-            _ => self.eval_node(id, at),
+            _ => {
+                // A copy: what is lent to a call must lie in memory, and `at` need not.
+                let at = *at;
+                self.eval_node(id, &at)
+            }
         }
     }
 
@@ -188,7 +199,7 @@ fn know(node: &Texture, part: impl Fn(TextureId) -> Known) -> Known {
     match node {
         Texture::Constant(c) => join(&[], false, Some(*c)),
         Texture::Bilerp { .. } => join(&[], false, None),
-        Texture::Image { filter, .. } => join(&[], filter.reads_levels(), None),
+        Texture::Image { .. } => join(&[], true, None),
         Texture::Scale { texture, scale } => {
             let (a, b) = (part(*texture), part(*scale));
             join(&[a, b], false, a.constant.zip(b.constant).map(|(a, b)| a * b))
@@ -222,8 +233,8 @@ fn map(mapping: &Mapping, at: &TextureCoordinates, filtered: bool) -> (Vec2, [Ve
             (at.uv * scale + Vec2::from(*delta), [at.duv_dx * scale, at.duv_dy * scale])
         }
         other => {
-            let uv = map_position(other, at.uv, at.p);
-            (uv, if filtered { map_footprint(other, uv, at) } else { [Vec2::ZERO; 2] })
+            let (uv, at) = (map_position(other, at.uv, at.p), *at);
+            (uv, if filtered { map_footprint(other, uv, &at) } else { [Vec2::ZERO; 2] })
         }
     }
 }

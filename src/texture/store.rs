@@ -206,7 +206,7 @@ impl TextureStore {
 
     /// Filtered linear value at `uv` (v = 0 is the bottom edge) over `footprint`; black for an
     /// image that was not loaded. Every uv is allowed, non-finite ones too.
-    #[inline]
+    #[inline(always)]
     #[must_use]
     pub fn lookup(&self, id: ImageId, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Rgb {
         let (value, has_alpha) = match self.images.get(id.index()) {

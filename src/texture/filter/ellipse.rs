@@ -2,7 +2,7 @@
 //! anisotropic filters have in common. Always finite; never thinner than a bound, so that what a
 //! filter reads is bounded for every footprint.
 
-use super::Footprint;
+use super::{Footprint, log2};
 use crate::math::Vec2;
 
 /// Bound on the ratio of an ellipse's axes. Thinner ones are widened to it, as in pbrt-v4, whose
@@ -44,7 +44,14 @@ impl Ellipse {
             };
             short_length = least;
         }
-        let level = (finest * short_length).log2().max(0.0);
+        let texels = finest * short_length;
+        // False for NaN.
+        let level = if texels > 1.0 {
+            let (i, t) = log2(texels);
+            i as f32 + t
+        } else {
+            0.0
+        };
         Some(Self { long, short, level })
     }
 }

@@ -77,58 +77,108 @@ pub(super) trait TexelSource {
 #[inline(always)]
 pub(super) fn lookup<S: TexelSource>(s: &mut S, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
     let st = Vec2::new(uv.x, 1.0 - uv.y);
-    if s.levels() == 1 {
-        return match sampler.filter {
-            TextureFilter::Point => point(s, 0, st, sampler.wrap),
-            _ if sampler.channels == Channels::Alpha => bilinear(s, 0, st, sampler.wrap),
-            _ => bilinear_of::<S, false>(s, 0, st, sampler.wrap),
-        };
+    match sampler.filter {
+        TextureFilter::Ewa | TextureFilter::Stochastic => anisotropic(s, st, footprint, sampler),
+        _ if sampler.channels == Channels::Alpha => isotropic_alpha(s, st, footprint, sampler),
+        _ => isotropic::<S, false>(s, st, footprint, sampler),
     }
-    filtered(s, st, footprint, sampler)
 }
 
 #[inline(never)]
-fn filtered<S: TexelSource>(s: &mut S, st: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
-    let Footprint { duv_dx: a, duv_dy: b, .. } = footprint;
-    let top = s.levels() - 1;
-    let wrap = sampler.wrap;
-    // log₂ of the finest level's texels per unit; equals the number of levels less one where
-    // sides are powers of two, as pbrt's always are.
+fn isotropic_alpha<S: TexelSource>(s: &mut S, st: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+    isotropic::<S, true>(s, st, footprint, sampler)
+}
+
+/// The longer side of the finest level in texels, whose log₂ counts levels; it equals their number
+/// less one where sides are powers of two, as pbrt's always are.
+#[inline(always)]
+fn finest(s: &impl TexelSource) -> f32 {
     let (width, height) = s.size(0);
-    let finest = width.max(height) as f32;
-    if let TextureFilter::Ewa | TextureFilter::Stochastic = sampler.filter {
-        let Some(ellipse) = Ellipse::new(footprint, finest) else { return bilinear(s, 0, st, wrap) };
-        return match sampler.filter {
-            TextureFilter::Ewa => ewa::ewa(s, st, &ellipse, wrap),
-            _ => stochastic::stochastic(s, st, &ellipse, wrap, footprint.random),
-        };
-    }
-    let width = 2.0 * a.abs().max(b.abs()).max_element();
-    let level = (finest * width.max(1e-8)).log2();
-    if level >= top as f32 {
-        return s.texel(top, 0, 0);
-    }
-    let i = level.max(0.0) as usize;
-    match sampler.filter {
-        TextureFilter::Point => point(s, i, st, wrap),
-        TextureFilter::Trilinear if i > 0 => {
-            let t = level - i as f32;
-            bilinear(s, i, st, wrap).lerp(bilinear(s, i + 1, st, wrap), t)
+    // Signed conversion is one instruction, and sides are less than 2³¹.
+    width.max(height) as i32 as f32
+}
+
+#[inline(always)]
+fn isotropic<S: TexelSource, const ALPHA: bool>(
+    s: &mut S,
+    st: Vec2,
+    footprint: Footprint,
+    sampler: Sampler,
+) -> Vec4 {
+    let wrap = sampler.wrap;
+    let (a, b) = (footprint.duv_dx.abs(), footprint.duv_dy.abs());
+    let larger = |a: f32, b: f32| if a > b { a } else { b };
+    let texels = 2.0 * finest(s) * larger(larger(a.x, a.y), larger(b.x, b.y));
+    let (mut level, mut t) = (0, 0.0);
+    // False for NaN. Between the finest two levels pbrt-v4 reads the finest alone, whatever the filter.
+    if texels >= 2.0 {
+        let top = s.levels() - 1;
+        let i;
+        (i, t) = log2(texels);
+        level = i.min(top);
+        if level == top {
+            if top > 0 {
+                return s.texel(top, 0, 0);
+            }
+            t = 0.0;
         }
-        _ => bilinear(s, i, st, wrap),
+    }
+    if sampler.filter == TextureFilter::Point {
+        return point(s, level, st, wrap);
+    }
+    let fine = bilinear_of::<S, ALPHA>(s, level, st, wrap);
+    if t > 0.0 && sampler.filter == TextureFilter::Trilinear {
+        return fine.lerp(bilinear_of::<S, ALPHA>(s, level + 1, st, wrap), t);
+    }
+    fine
+}
+
+/// log₂ of a number not less than 1, as an integer and a rest in 0..=1: by the exponent's bits, and a
+/// polynomial that is exact at both ends and within 8e-6 between. The same bits on every machine.
+#[inline(always)]
+fn log2(x: f32) -> (usize, f32) {
+    let bits = x.to_bits();
+    let f = f32::from_bits(bits & 0x7f_ffff | 0x3f80_0000) - 1.0;
+    let p = 0.442_654_07 + f * (-0.276_569_5 + f * (0.184_100_83 + f * (-0.097_201_83 + f * 0.025_691_263)));
+    ((bits >> 23) as usize - 127, f + f * (1.0 - f) * p)
+}
+
+#[inline(never)]
+fn anisotropic<S: TexelSource>(s: &mut S, st: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
+    let wrap = sampler.wrap;
+    if s.levels() == 1 {
+        return bilinear(s, 0, st, wrap);
+    }
+    let Some(ellipse) = Ellipse::new(footprint, finest(s)) else { return bilinear(s, 0, st, wrap) };
+    match sampler.filter {
+        TextureFilter::Ewa => ewa::ewa(s, st, &ellipse, wrap),
+        _ => stochastic::stochastic(s, st, &ellipse, wrap, footprint.random),
     }
 }
 
-#[inline]
+#[inline(always)]
 fn wrapped_texel<S: TexelSource>(s: &mut S, level: usize, x: i32, y: i32, wrap: Wrap) -> Vec4 {
     let (width, height) = s.size(level);
     wrap_texel(x, y, width, height, wrap).map_or(Vec4::ZERO, |(x, y)| s.texel(level, x, y))
 }
 
+#[inline(always)]
 fn point<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
     let (width, height) = s.size(level);
-    let st = into_range(st, wrap) * Vec2::new(width as f32, height as f32);
-    wrapped_texel(s, level, st.x.floor() as i32, st.y.floor() as i32, wrap)
+    let (w, h) = (width as i32, height as i32);
+    let st = into_range(st, wrap) * Vec2::new(w as f32, h as f32);
+    match wrap {
+        // Not negative, so that what conversion cuts off is the fraction.
+        Wrap::Repeat | Wrap::Clamp => {
+            let (x, y) = (st.x as i32, st.y as i32);
+            // One where the fraction rounds to 1.
+            let beyond = if wrap == Wrap::Repeat { (0, 0) } else { (w - 1, h - 1) };
+            let x = if x >= w { beyond.0 } else { x };
+            let y = if y >= h { beyond.1 } else { y };
+            s.texel(level, x as u32, y as u32)
+        }
+        _ => wrapped_texel(s, level, st.x.floor() as i32, st.y.floor() as i32, wrap),
+    }
 }
 
 #[inline(always)]
@@ -145,10 +195,10 @@ pub(super) fn bilinear_rgb<S: TexelSource>(s: &mut S, level: usize, st: Vec2, wr
 #[inline(always)]
 fn bilinear_of<S: TexelSource, const ALPHA: bool>(s: &mut S, level: usize, st: Vec2, wrap: Wrap) -> Vec4 {
     let (width, height) = s.size(level);
-    let p = into_range(st, wrap) * Vec2::new(width as f32, height as f32) - 0.5;
+    let (w, h) = (width as i32, height as i32);
+    let p = into_range(st, wrap) * Vec2::new(w as f32, h as f32) - 0.5;
     let ((x, tx), (y, ty)) = (split(p.x), split(p.y));
     let t = Vec2::new(tx, ty);
-    let (w, h) = (width as i32, height as i32);
     // After `into_range`, only the first and the last texel's halves are outside.
     let (x0, x1, y0, y1) = match wrap {
         Wrap::Repeat => (
