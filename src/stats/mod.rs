@@ -164,6 +164,8 @@ pub struct ImageStats {
     pub samples: u64,
     /// Samples that were infinite or not a number.
     pub non_finite_samples: u64,
+    /// Pixels that a stopped render did not reach; black.
+    pub pixels_without_samples: u64,
 }
 
 /// Rays traced.

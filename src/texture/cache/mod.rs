@@ -24,7 +24,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tile::{Blocks, Tile, allocate, blocks_for, cost};
+use tile::{Lines, Tile, allocate, cost, lines_for};
 
 /// Tails that an eviction compares: the oldest of several random ones is nearly the oldest of all.
 const TAILS: usize = 4;
@@ -104,8 +104,10 @@ struct CachedFile {
     file: Box<dyn TileSource>,
     /// A bit for every tile: whether it has ever been read.
     seen: Box<[AtomicU64]>,
-    /// Blocks of one tile.
-    blocks: usize,
+    /// Lines of one tile.
+    lines: usize,
+    /// The first tile that is the only one of its level; all after it are too.
+    alone: u32,
     failed: AtomicU64,
 }
 
@@ -147,7 +149,7 @@ fn key(file: u32, tile: u32) -> u64 {
 /// use and one that is being read.
 #[must_use]
 pub fn least_budget(tile_bytes: usize, threads: usize) -> u64 {
-    2 * threads.max(1) as u64 * cost(blocks_for(tile_bytes))
+    2 * threads.max(1) as u64 * cost(lines_for(tile_bytes))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -166,12 +168,18 @@ impl TileCache {
             .into_iter()
             .map(|file| CachedFile {
                 seen: (0..file.tile_count().div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
-                blocks: blocks_for(file.tile_bytes()),
+                lines: lines_for(file.tile_bytes()),
+                alone: file
+                    .first_tiles()
+                    .iter()
+                    .copied()
+                    .find(|&tile| file.is_alone(tile))
+                    .unwrap_or(u32::MAX),
                 failed: AtomicU64::new(0),
                 file,
             })
             .collect();
-        let largest = files.iter().map(|f| cost(f.blocks)).max().unwrap_or(1);
+        let largest = files.iter().map(|f| cost(f.lines)).max().unwrap_or(1);
         let threads = options.threads.max(1) as u64;
         let least = 2 * threads * largest;
         if options.budget < least {
@@ -283,7 +291,8 @@ impl TileCache {
     /// Where a larger cache stops paying.
     fn knee(&self, total: &CacheCounts) -> Option<Knee> {
         // Tiles of several sizes read in their proportion.
-        let pressure = |bytes| self.predicted_misses(bytes) / total.misses_compulsory.max(1) as f64;
+        let (first, stay) = (total.misses_compulsory, self.alone_bytes());
+        let pressure = |bytes| self.predicted(bytes, first, stay) / first.max(1) as f64;
         let sizes = lock(&self.distances).sizes();
         let bytes = sizes.into_iter().find(|&bytes| pressure(bytes) <= 1.1)?;
         Some(Knee { bytes, pressure: pressure(bytes), pressure_at_half: pressure(bytes / 2) })
@@ -292,11 +301,14 @@ impl TileCache {
     /// Predicted misses over look-ups for caches of other sizes, in rising order of bytes.
     #[must_use]
     pub fn miss_ratio_curve(&self) -> Vec<(u64, f64)> {
-        let lookups = lock(&self.totals).total().lookups.max(1) as f64;
+        let total = lock(&self.totals).total();
+        let (lookups, first, stay) =
+            (total.lookups.max(1) as f64, total.misses_compulsory, self.alone_bytes());
         let sizes = lock(&self.distances).sizes();
         // Steps of 6 %: a curve to draw.
         let steps = sizes.into_iter().rev().step_by(4);
-        let mut curve: Vec<_> = steps.map(|bytes| (bytes, self.predicted_misses(bytes) / lookups)).collect();
+        let mut curve: Vec<_> =
+            steps.map(|bytes| (bytes, self.predicted(bytes, first, stay) / lookups)).collect();
         curve.reverse();
         curve
     }
@@ -305,15 +317,25 @@ impl TileCache {
     #[must_use]
     pub fn predicted_misses(&self, bytes: u64) -> f64 {
         let first = lock(&self.totals).total().misses_compulsory;
-        // Levels that stay leave less to the others.
+        let stay = self.alone_bytes();
+        self.predicted(bytes, first, stay)
+    }
+
+    /// [`Self::predicted_misses`], with what does not depend on `bytes`: tiles read at all, and bytes
+    /// of levels that stay, which leave less to the others and are not among the sampled.
+    fn predicted(&self, bytes: u64, first: u64, stay: u64) -> f64 {
+        let kept = stay.min(self.kept_limit(bytes));
+        lock(&self.distances).misses(bytes - kept, self.requests.load(Ordering::Relaxed), first)
+    }
+
+    /// Bytes of all tiles that have been read and are alone in their level.
+    fn alone_bytes(&self) -> u64 {
         let alone = |f: &CachedFile| {
             let read =
                 |tile: &u32| f.seen[*tile as usize / 64].load(Ordering::Relaxed) >> (tile % 64) & 1 == 1;
-            let tiles = f.file.first_tiles().iter().filter(|t| f.file.is_alone(**t) && read(t));
-            tiles.count() as u64 * cost(f.blocks)
+            (f.alone..f.file.tile_count()).filter(read).count() as u64 * cost(f.lines)
         };
-        let kept = self.files.iter().map(alone).sum::<u64>().min(self.kept_limit(bytes));
-        lock(&self.distances).misses(bytes - kept, self.requests.load(Ordering::Relaxed), first)
+        self.files.iter().map(alone).sum()
     }
 
     /// Most bytes of levels that stay in a cache of `bytes`.
@@ -374,11 +396,11 @@ impl TileCache {
         let mut abandon = Abandon { cache: self, key, reserved: 0 };
         let (file, index) = (&self.files[(key >> 32) as usize], key as u32);
         let start = Instant::now();
-        let mut blocks = self.room(file.blocks);
-        abandon.reserved = cost(file.blocks);
+        let mut lines = self.room(file.lines);
+        abandon.reserved = cost(file.lines);
         let ready = Instant::now();
         let size = file.file.tile_bytes();
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut blocks);
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
         let read = file.file.read_tile(index, &mut bytes[..size], &mut thread.scratch);
         if let Some(rest) = self.latency.checked_sub(ready.elapsed()) {
             std::thread::sleep(rest);
@@ -398,7 +420,7 @@ impl TileCache {
         let first = file.seen[index as usize / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0;
         let now = self.clock.fetch_add(1, Ordering::Relaxed);
         let level = file.file.level_of(index) as u32;
-        let tile = Arc::new(Tile { level, used: AtomicU64::new(now), blocks });
+        let tile = Arc::new(Tile { level, used: AtomicU64::new(now), lines });
         let keep = self.keeps(file, index);
         let pending = {
             let mut shard = self.shard(key);
@@ -428,37 +450,37 @@ impl TileCache {
     /// Whether a tile that has just been read stays: levels of one tile do while there is room for
     /// them, because most look-ups from afar end there.
     fn keeps(&self, file: &CachedFile, tile: u32) -> bool {
-        let bytes = cost(file.blocks);
+        let bytes = cost(file.lines);
         let fits = |kept: u64| (kept + bytes <= self.kept_limit(self.budget)).then_some(kept + bytes);
-        file.file.is_alone(tile) && self.kept.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
+        tile >= file.alone && self.kept.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
     }
 
-    /// Room for a tile of `blocks`, taken from the budget before it is allocated; evicts what has
+    /// Room for a tile of `lines`, taken from the budget before it is allocated; evicts what has
     /// not been used for longest.
-    fn room(&self, blocks: usize) -> Blocks {
-        let bytes = cost(blocks);
+    fn room(&self, lines: usize) -> Lines {
+        let bytes = cost(lines);
         loop {
             let fits = |used: u64| (used + bytes <= self.budget).then_some(used + bytes);
             if let Ok(before) = self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits) {
                 self.peak.fetch_max(before + bytes, Ordering::Relaxed);
-                return allocate(blocks);
+                return allocate(lines);
             }
             match self.evict() {
                 // The same room goes from hand to hand.
-                Some(old) if old.len() == blocks => return old,
+                Some(old) if old.len() == lines => return old,
                 Some(old) => {
                     let freed = cost(old.len());
                     drop(old);
                     self.used.fetch_sub(freed, Ordering::Relaxed);
                 }
-                // All that is not in somebody's hands is being read; that ends.
-                None => std::thread::yield_now(),
+                // All that is not in somebody's hands is being read; that ends, in the time of a read.
+                None => std::thread::sleep(Duration::from_micros(20)),
             }
         }
     }
 
     /// Takes the oldest of several shards' oldest tiles out; `None` when every tile is in use.
-    fn evict(&self) -> Option<Blocks> {
+    fn evict(&self) -> Option<Lines> {
         let n = self.shards.len();
         let start = self.hand.fetch_add(1, Ordering::Relaxed).wrapping_mul(TAILS);
         let oldest = (0..TAILS.min(n))
@@ -466,9 +488,9 @@ impl TileCache {
             .filter_map(|i| lock(&self.shards[i].0).oldest().map(|used| (used, i)))
             .min();
         if let Some((_, i)) = oldest
-            && let Some(blocks) = lock(&self.shards[i].0).pop()
+            && let Some(lines) = lock(&self.shards[i].0).pop()
         {
-            return Some(blocks);
+            return Some(lines);
         }
         (0..n).find_map(|i| lock(&self.shards[(start + i) & (n - 1)].0).pop())
     }
@@ -485,6 +507,7 @@ impl TileCache {
     #[inline(always)]
     fn is_sampled(&self, key: u64) -> bool {
         sample_hash(key) <= self.threshold.load(Ordering::Relaxed)
+            && (key as u32) < self.files[(key >> 32) as usize].alone
     }
 }
 
@@ -504,10 +527,10 @@ impl Shard {
 
     /// Takes the oldest tile out that nobody holds. Nobody can begin to hold it meanwhile: only
     /// under the shard's lock is a tile handed out that no thread holds.
-    fn pop(&mut self) -> Option<Blocks> {
+    fn pop(&mut self) -> Option<Lines> {
         self.oldest()?;
         let (_, tile) = self.tiles.pop_lru()?;
-        Arc::into_inner(tile).map(|tile| tile.blocks)
+        Arc::into_inner(tile).map(|tile| tile.lines)
     }
 }
 
@@ -540,7 +563,7 @@ struct Abandon<'a> {
 
 impl Drop for Abandon<'_> {
     fn drop(&mut self) {
-        // The blocks themselves went before, as locals of the reader do.
+        // The lines themselves went before, as locals of the reader do.
         self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
         let pending = self.cache.shard(self.key).loading.remove(&self.key);
         if let Some(pending) = pending {

@@ -92,7 +92,7 @@ impl ThreadCache {
         let ledger = &mut self.ledger;
         ledger.requests += 1;
         if cache.is_sampled(key) {
-            let bytes = super::cost(cache.files[(key >> 32) as usize].blocks);
+            let bytes = super::cost(cache.files[(key >> 32) as usize].lines);
             ledger.sampled.push((key, u32::try_from(bytes).unwrap_or(u32::MAX)));
             if ledger.sampled.len() == SAMPLES {
                 cache.record(&mut ledger.sampled, std::mem::take(&mut ledger.requests));
