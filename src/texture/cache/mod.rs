@@ -7,6 +7,8 @@
 //! the others wait. Never interprets a texel.
 
 mod counters;
+mod curve;
+mod shard;
 mod source;
 mod thread;
 mod tile;
@@ -16,13 +18,12 @@ pub use source::TileSource;
 pub use thread::ThreadCache;
 
 use crate::error::{Error, Result};
-use crate::stats::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, StackDistances, sample_hash};
+use crate::stats::{KeyBuildHasher, StackDistances, sample_hash, spread};
 use lru::LruCache;
+use shard::{Padded, PendingState, Shard};
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tile::{Lines, Tile, allocate, cost, lines_for};
 
@@ -44,59 +45,6 @@ pub struct CacheOptions {
     pub threads: usize,
     /// A read takes at least so long: slow storage, simulated.
     pub latency: Duration,
-}
-
-/// Keys are made of small numbers, and one multiplication spreads them (Fibonacci hashing).
-#[derive(Default)]
-struct KeyHasher(u64);
-
-impl Hasher for KeyHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
-    }
-    #[inline(always)]
-    fn write_u64(&mut self, key: u64) {
-        self.0 = spread(self.0 ^ key);
-    }
-}
-
-/// High bits in the low ones too: the table takes its buckets from those and its tags from the others.
-#[inline(always)]
-fn spread(key: u64) -> u64 {
-    let h = key.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    h ^ (h >> 32)
-}
-
-type KeyBuildHasher = BuildHasherDefault<KeyHasher>;
-
-struct Shard {
-    tiles: LruCache<u64, Arc<Tile>, KeyBuildHasher>,
-    /// Coarse levels, which stay.
-    kept: HashMap<u64, Arc<Tile>, KeyBuildHasher>,
-    loading: HashMap<u64, Arc<Pending>, KeyBuildHasher>,
-}
-
-/// A cache line's worth apart (and its prefetched pair), so that two shards' locks do not collide.
-#[repr(align(128))]
-struct Padded<T>(T);
-
-/// A tile that is being read.
-#[derive(Default)]
-struct Pending {
-    state: Mutex<PendingState>,
-    done: Condvar,
-}
-
-#[derive(Default)]
-enum PendingState {
-    #[default]
-    Reading,
-    Read(Arc<Tile>),
-    /// The reader's thread has come to grief.
-    Abandoned,
 }
 
 /// One file's part of the cache.
@@ -258,89 +206,6 @@ impl TileCache {
     #[must_use]
     pub fn failures(&self) -> Vec<String> {
         lock(&self.failures).clone()
-    }
-
-    /// What it cost, with `names` for its files.
-    #[must_use]
-    pub fn stats(&self, names: &[PathBuf]) -> CacheStats {
-        let counts = self.counts();
-        let total = counts.total();
-        let by_file = names.iter().zip(&counts.files).filter(|(_, levels)| !levels.is_empty());
-        CacheStats {
-            budget: self.budget,
-            peak: self.peak(),
-            index_bytes: self.index_bytes(),
-            buffer_bytes: self.scratch_bytes(),
-            total: CacheRow::from(&total),
-            knee: self.knee(&total),
-            by_depth: counts.depths.iter().map(CacheRow::from).collect(),
-            by_file: by_file
-                .map(|(name, levels)| {
-                    let mut sum = CacheCounts::default();
-                    levels.iter().for_each(|l| sum.add(l));
-                    CacheFile {
-                        file: name.display().to_string(),
-                        total: CacheRow::from(&sum),
-                        by_level: levels.iter().map(CacheRow::from).collect(),
-                    }
-                })
-                .collect(),
-        }
-    }
-
-    /// Where a larger cache stops paying.
-    fn knee(&self, total: &CacheCounts) -> Option<Knee> {
-        // Tiles of several sizes read in their proportion.
-        let (first, stay) = (total.misses_compulsory, self.alone_bytes());
-        let pressure = |bytes| self.predicted(bytes, first, stay) / first.max(1) as f64;
-        let sizes = lock(&self.distances).sizes();
-        let bytes = sizes.into_iter().find(|&bytes| pressure(bytes) <= 1.1)?;
-        Some(Knee { bytes, pressure: pressure(bytes), pressure_at_half: pressure(bytes / 2) })
-    }
-
-    /// Predicted misses over look-ups for caches of other sizes, in rising order of bytes.
-    #[must_use]
-    pub fn miss_ratio_curve(&self) -> Vec<(u64, f64)> {
-        let total = lock(&self.totals).total();
-        let (lookups, first, stay) =
-            (total.lookups.max(1) as f64, total.misses_compulsory, self.alone_bytes());
-        let sizes = lock(&self.distances).sizes();
-        // Steps of 6 %: a curve to draw.
-        let steps = sizes.into_iter().rev().step_by(4);
-        let mut curve: Vec<_> =
-            steps.map(|bytes| (bytes, self.predicted(bytes, first, stay) / lookups)).collect();
-        curve.reverse();
-        curve
-    }
-
-    /// Tiles that a cache of `bytes` would have read in the run that this one has seen.
-    #[must_use]
-    pub fn predicted_misses(&self, bytes: u64) -> f64 {
-        let first = lock(&self.totals).total().misses_compulsory;
-        let stay = self.alone_bytes();
-        self.predicted(bytes, first, stay)
-    }
-
-    /// [`Self::predicted_misses`], with what does not depend on `bytes`: tiles read at all, and bytes
-    /// of levels that stay, which leave less to the others and are not among the sampled.
-    fn predicted(&self, bytes: u64, first: u64, stay: u64) -> f64 {
-        let kept = stay.min(self.kept_limit(bytes));
-        lock(&self.distances).misses(bytes - kept, self.requests.load(Ordering::Relaxed), first)
-    }
-
-    /// Bytes of all tiles that have been read and are alone in their level.
-    fn alone_bytes(&self) -> u64 {
-        let alone = |f: &CachedFile| {
-            let read =
-                |tile: &u32| f.seen[*tile as usize / 64].load(Ordering::Relaxed) >> (tile % 64) & 1 == 1;
-            (f.alone..f.file.tile_count()).filter(read).count() as u64 * cost(f.lines)
-        };
-        self.files.iter().map(alone).sum()
-    }
-
-    /// Most bytes of levels that stay in a cache of `bytes`.
-    fn kept_limit(&self, bytes: u64) -> u64 {
-        bytes.saturating_sub(self.least) / 16
     }
 
     #[inline(always)]
@@ -508,49 +373,6 @@ impl TileCache {
     fn is_sampled(&self, key: u64) -> bool {
         sample_hash(key) <= self.threshold.load(Ordering::Relaxed)
             && (key as u32) < self.files[(key >> 32) as usize].alone
-    }
-}
-
-impl Shard {
-    /// When the oldest tile that nobody holds was used. Tiles that are held at the old end are in
-    /// use, whatever their time says, and become the youngest.
-    fn oldest(&mut self) -> Option<u64> {
-        for _ in 0..self.tiles.len() {
-            let (&key, tile) = self.tiles.peek_lru()?;
-            if Arc::strong_count(tile) == 1 {
-                return Some(tile.used.load(Ordering::Relaxed));
-            }
-            self.tiles.promote(&key);
-        }
-        None
-    }
-
-    /// Takes the oldest tile out that nobody holds. Nobody can begin to hold it meanwhile: only
-    /// under the shard's lock is a tile handed out that no thread holds.
-    fn pop(&mut self) -> Option<Lines> {
-        self.oldest()?;
-        let (_, tile) = self.tiles.pop_lru()?;
-        Arc::into_inner(tile).map(|tile| tile.lines)
-    }
-}
-
-impl Pending {
-    fn finish(&self, state: PendingState) {
-        *lock(&self.state) = state;
-        self.done.notify_all();
-    }
-
-    /// The tile, when it is there; `None` when its reader gave up.
-    fn wait(&self) -> Option<Arc<Tile>> {
-        let mut state = lock(&self.state);
-        loop {
-            match &*state {
-                PendingState::Reading => {}
-                PendingState::Read(tile) => return Some(Arc::clone(tile)),
-                PendingState::Abandoned => return None,
-            }
-            state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
-        }
     }
 }
 

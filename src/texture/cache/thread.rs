@@ -5,8 +5,8 @@
 
 use super::counters::{DEPTHS, FileCounts};
 use super::tile::Tile;
-use super::{TileCache, key, lock, spread};
-use crate::stats::CacheCounts;
+use super::{TileCache, key, lock};
+use crate::stats::{CacheCounts, spread};
 use crate::texture::tiled::TileScratch;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
