@@ -123,7 +123,10 @@ fn tiles_and_whole_images_give_the_same_bits() {
                         let sampler = Sampler { filter, wrap, channels };
                         let whole = lookup(&mut image.source(), uv, footprint, sampler);
                         let tiles = lookup(&mut tiled, uv, footprint, sampler);
-                        assert_eq!(whole.to_array().map(f32::to_bits), tiles.to_array().map(f32::to_bits));
+                        // Alpha may be anything unless it is asked for.
+                        let numbers = if channels == Channels::Alpha { 4 } else { 3 };
+                        let [whole, tiles] = [whole, tiles].map(|c| c.to_array().map(f32::to_bits));
+                        assert_eq!(whole[..numbers], tiles[..numbers]);
                     }
                 }
             }
