@@ -75,7 +75,7 @@ pub(crate) struct Options {
     /// Where tiled copies of textures are kept; ~/.cache/weir if not given
     #[arg(long, value_name = "DIR")]
     cache_dir: Option<PathBuf>,
-    /// Filter of all image textures; else what the scene says
+    /// Filter of all image textures; else what the scene says. Alpha masks always read the finest level
     #[arg(long, value_name = "NAME")]
     texture_filter: Option<FilterName>,
     /// What stands in for something unsupported is an error

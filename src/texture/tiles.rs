@@ -30,6 +30,22 @@ enum Kind {
     RgbaFloat,
 }
 
+/// `$body` with `$texel` for the type of a kind's texels.
+macro_rules! with_texel {
+    ($kind:expr, $texel:ident => $body:expr) => {
+        with_texel!($kind, $texel => $body; Grey8: u8, Rgb8: Rgb8, Rgba8: Rgba8, GreyHalf: u16,
+            RgbHalf: RgbHalf, RgbaHalf: RgbaHalf, GreyFloat: f32, RgbFloat: RgbFloat, RgbaFloat: RgbaFloat)
+    };
+    ($kind:expr, $texel:ident => $body:expr; $($name:ident: $of:ident),*) => {
+        match $kind {
+            $(Kind::$name => {
+                type $texel = $of;
+                $body
+            })*
+        }
+    };
+}
+
 /// What a look-up needs to know of a tiled file.
 pub(super) struct TiledImage {
     /// Its number in the cache.
@@ -72,17 +88,7 @@ impl TiledImage {
     /// Bytes of all its texels.
     pub(super) fn all_bytes(&self) -> u64 {
         let texels: u64 = self.levels.iter().map(|l| u64::from(l.width) * u64::from(l.height)).sum();
-        let size = match self.kind {
-            Kind::Grey8 => 1,
-            Kind::Rgb8 => 3,
-            Kind::Rgba8 | Kind::GreyFloat => 4,
-            Kind::GreyHalf => 2,
-            Kind::RgbHalf => 6,
-            Kind::RgbaHalf => 8,
-            Kind::RgbFloat => 12,
-            Kind::RgbaFloat => 16,
-        };
-        texels * size
+        texels * with_texel!(self.kind, T => size_of::<T>() as u64)
     }
 
     /// Whether there is an alpha channel.
@@ -104,17 +110,7 @@ impl TiledImage {
         footprint: Footprint,
         sampler: Sampler,
     ) -> Vec4 {
-        match self.kind {
-            Kind::Grey8 => self.lookup_as::<u8>(cache, thread, uv, footprint, sampler),
-            Kind::Rgb8 => self.lookup_as::<Rgb8>(cache, thread, uv, footprint, sampler),
-            Kind::Rgba8 => self.lookup_as::<Rgba8>(cache, thread, uv, footprint, sampler),
-            Kind::GreyHalf => self.lookup_as::<u16>(cache, thread, uv, footprint, sampler),
-            Kind::RgbHalf => self.lookup_as::<RgbHalf>(cache, thread, uv, footprint, sampler),
-            Kind::RgbaHalf => self.lookup_as::<RgbaHalf>(cache, thread, uv, footprint, sampler),
-            Kind::GreyFloat => self.lookup_as::<f32>(cache, thread, uv, footprint, sampler),
-            Kind::RgbFloat => self.lookup_as::<RgbFloat>(cache, thread, uv, footprint, sampler),
-            Kind::RgbaFloat => self.lookup_as::<RgbaFloat>(cache, thread, uv, footprint, sampler),
-        }
+        with_texel!(self.kind, T => self.lookup_as::<T>(cache, thread, uv, footprint, sampler))
     }
 
     #[inline]
@@ -153,17 +149,7 @@ impl TiledImage {
         level: usize,
         probes: &[Probe],
     ) -> Vec4 {
-        match self.kind {
-            Kind::Grey8 => self.probes_as::<u8>(cache, thread, level, probes),
-            Kind::Rgb8 => self.probes_as::<Rgb8>(cache, thread, level, probes),
-            Kind::Rgba8 => self.probes_as::<Rgba8>(cache, thread, level, probes),
-            Kind::GreyHalf => self.probes_as::<u16>(cache, thread, level, probes),
-            Kind::RgbHalf => self.probes_as::<RgbHalf>(cache, thread, level, probes),
-            Kind::RgbaHalf => self.probes_as::<RgbaHalf>(cache, thread, level, probes),
-            Kind::GreyFloat => self.probes_as::<f32>(cache, thread, level, probes),
-            Kind::RgbFloat => self.probes_as::<RgbFloat>(cache, thread, level, probes),
-            Kind::RgbaFloat => self.probes_as::<RgbaFloat>(cache, thread, level, probes),
-        }
+        with_texel!(self.kind, T => self.probes_as::<T>(cache, thread, level, probes))
     }
 
     #[inline]

@@ -21,7 +21,7 @@ pub(super) struct Ellipse {
 
 impl Ellipse {
     /// `finest` is the finest level's longer side in texels. `None` where there is no footprint or
-    /// it is not finite.
+    /// it is not a number.
     #[inline(always)]
     pub(super) fn new(footprint: Footprint, finest: f32) -> Option<Self> {
         // v runs up and rows run down.
@@ -31,8 +31,12 @@ impl Ellipse {
         // Not by `max` and `min`, which would hide a NaN.
         let (long, long2, mut short, short2) = if a2 < b2 { (b, b2, a, a2) } else { (a, a2, b, b2) };
         // Also false where one is NaN.
-        if !(long2 > 0.0 && long2.is_finite() && short2 >= 0.0) {
+        if !(long2 > 0.0 && short2 >= 0.0) {
             return None;
+        }
+        // Larger than any level, of whatever shape: the bound on that widens it.
+        if long2 == f32::INFINITY {
+            return Some(Self { long: Vec2::ZERO, short: Vec2::ZERO, level: f32::MAX });
         }
         let (long_length, mut short_length) = (long2.sqrt(), short2.sqrt());
         let least = long_length * (1.0 / MAX_ANISOTROPY);

@@ -3,7 +3,7 @@
 //! ellipse, and the number of texels is bounded for every footprint.
 
 use super::ellipse::{Ellipse, MAX_ANISOTROPY};
-use super::wrap::into_range;
+use super::wrap::centre;
 use super::{TexelSource, bilinear, wrapped_texel};
 use crate::math::Vec2;
 use crate::scene::Wrap;
@@ -33,7 +33,6 @@ fn one_level<S: TexelSource>(s: &mut S, level: usize, st: Vec2, ellipse: &Ellips
     }
     let (width, height) = s.size(level);
     let size = Vec2::new(width as f32, height as f32);
-    let p = into_range(st, wrap) * size - 0.5;
     let (long, short) = (ellipse.long * size, ellipse.short * size);
     // The ellipse a x² + b x y + c y² < 1, wider than the footprint by a texel's own extent (the + 1,
     // which also keeps it from falling between texels).
@@ -44,6 +43,7 @@ fn one_level<S: TexelSource>(s: &mut S, level: usize, st: Vec2, ellipse: &Ellips
     // rounding has run wild.
     let most = Vec2::splat(2.0 * MAX_ANISOTROPY + 2.0);
     let reach = Vec2::new(c.sqrt(), a.sqrt()).min(most);
+    let p = centre(st, size, reach, wrap);
     let (a, b, c) = (a * scale, b * scale, c * scale);
     let half = 0.5 / a;
     let (mut sum, mut weights) = (Vec4::ZERO, 0.0);

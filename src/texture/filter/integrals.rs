@@ -5,43 +5,48 @@ use super::*;
 use crate::math::Vec3;
 use crate::texture::texels::GreyFloat;
 
-const SIDE: u32 = 64;
+pub(super) const SIDE: u32 = 64;
 
 /// White noise in 0..1, with the levels that filters see.
-fn white(seed: u32) -> Image<GreyFloat> {
+pub(super) fn white(seed: u32) -> Image<GreyFloat> {
     let bytes = noise((SIDE * SIDE) as usize, seed);
     Image::new((SIDE, SIDE), |x, y| f32::from(bytes[(y * SIDE + x) as usize]) / 255.0, |c| c.x)
 }
 
 /// Numbers in 0..1, one after the other.
-struct Draw(u64);
+pub(super) struct Draw(pub(super) u64);
 
 impl Draw {
-    fn next(&mut self) -> f64 {
+    pub(super) fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 40) as f64 / (1u64 << 24) as f64
     }
 
-    fn uv(&mut self) -> Vec2 {
+    pub(super) fn uv(&mut self) -> Vec2 {
         Vec2::new(self.next() as f32, self.next() as f32)
     }
 }
 
-/// A texel of a repeating level.
-fn texel(image: &Image<GreyFloat>, level: usize, x: i64, y: i64) -> f64 {
+/// A texel of a level that repeats, ends in its edge or ends in black.
+fn texel(image: &Image<GreyFloat>, wrap: Wrap, level: usize, x: i64, y: i64) -> f64 {
     let side = i64::from(SIDE >> level);
-    f64::from(image.source().texel(level, x.rem_euclid(side) as u32, y.rem_euclid(side) as u32).x)
+    let inside = match wrap {
+        Wrap::Black if x != x.clamp(0, side - 1) || y != y.clamp(0, side - 1) => return 0.0,
+        Wrap::Repeat => [x, y].map(|x| x.rem_euclid(side) as u32),
+        _ => [x, y].map(|x| x.clamp(0, side - 1) as u32),
+    };
+    f64::from(image.source().texel(level, inside[0], inside[1]).x)
 }
 
 /// The mean of a level over a square of texel size about `uv`, its texels uniform squares.
-fn box_mean(image: &Image<GreyFloat>, level: usize, uv: [f64; 2]) -> f64 {
+fn box_mean(image: &Image<GreyFloat>, wrap: Wrap, level: usize, uv: [f64; 2]) -> f64 {
     let side = f64::from(SIDE >> level);
     let (x, y) = (uv[0] * side, (1.0 - uv[1]) * side);
     let overlap = |a: f64, i: i64| ((a + 0.5).min(i as f64 + 1.0) - (a - 0.5).max(i as f64)).max(0.0);
     let mut sum = 0.0;
     for j in y.floor() as i64 - 2..y.floor() as i64 + 3 {
         for i in x.floor() as i64 - 2..x.floor() as i64 + 3 {
-            sum += overlap(x, i) * overlap(y, j) * texel(image, level, i, j);
+            sum += overlap(x, i) * overlap(y, j) * texel(image, wrap, level, i, j);
         }
     }
     sum
@@ -49,7 +54,13 @@ fn box_mean(image: &Image<GreyFloat>, level: usize, uv: [f64; 2]) -> f64 {
 
 /// The mean of the bilinear interpolant over the ellipse with half-axes `a`, `b` in uv, weighted by
 /// exp(−2r²) − exp(−2): rings of equal weight, evenly turned.
-fn gaussian_mean(image: &Image<GreyFloat>, level: usize, uv: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+fn gaussian_mean(
+    image: &Image<GreyFloat>,
+    wrap: Wrap,
+    level: usize,
+    uv: [f64; 2],
+    [a, b]: [[f64; 2]; 2],
+) -> f64 {
     const RINGS: u32 = 64;
     const TURNS: u32 = 96;
     let e2 = (-2f64).exp();
@@ -66,17 +77,18 @@ fn gaussian_mean(image: &Image<GreyFloat>, level: usize, uv: [f64; 2], a: [f64; 
             // Each ring turned a little against the last, so that no direction is preferred.
             let phi = (f64::from(turn) + f64::from(ring) * 0.618) / f64::from(TURNS) * std::f64::consts::TAU;
             let (c, s) = (phi.cos() * lo.sqrt(), phi.sin() * lo.sqrt());
-            sum += box_mean(image, level, [uv[0] + a[0] * c + b[0] * s, uv[1] + a[1] * c + b[1] * s]);
+            sum += box_mean(image, wrap, level, [uv[0] + a[0] * c + b[0] * s, uv[1] + a[1] * c + b[1] * s]);
         }
     }
     sum / f64::from(RINGS * TURNS)
 }
 
 /// What EWA and the stochastic filter approximate and estimate.
-fn ellipse_mean(image: &Image<GreyFloat>, uv: [f64; 2], long: [f64; 2], short: [f64; 2]) -> f64 {
+pub(super) fn ellipse_mean(image: &Image<GreyFloat>, wrap: Wrap, uv: Vec2, long: Vec2, short: Vec2) -> f64 {
+    let [uv, long, short] = [uv, long, short].map(wide);
     let level = (short[0].hypot(short[1]) * f64::from(SIDE)).log2().max(0.0);
     let i = level.floor() as usize;
-    let [fine, coarse] = [i, i + 1].map(|i| gaussian_mean(image, i, uv, long, short));
+    let [fine, coarse] = [i, i + 1].map(|i| gaussian_mean(image, wrap, i, uv, [long, short]));
     fine + (coarse - fine) * (level - i as f64)
 }
 
@@ -84,7 +96,7 @@ fn wide(v: Vec2) -> [f64; 2] {
     [v.x.into(), v.y.into()]
 }
 
-fn sampler(filter: TextureFilter) -> Sampler {
+pub(super) fn sampler(filter: TextureFilter) -> Sampler {
     Sampler { filter, wrap: Wrap::Repeat, channels: Channels::Rgb }
 }
 
@@ -92,15 +104,22 @@ fn sampler(filter: TextureFilter) -> Sampler {
 fn point_bilinear_and_trilinear_are_their_integrals() {
     let image = white(3);
     let mut draw = Draw(1);
-    for _ in 0..20_000 {
-        let uv = draw.uv() * 4.0 - 2.0;
+    for case in 0..30_000 {
+        let wrap = [Wrap::Repeat, Wrap::Clamp, Wrap::Black][case % 3];
+        let mut uv = draw.uv() * 4.0 - 2.0;
+        if wrap != Wrap::Repeat && case % 8 == 0 {
+            uv.x *= 1e9;
+        }
         let width = 2f64.powf(draw.next() * 5.5 - 7.0) as f32;
         let footprint =
             Footprint { duv_dx: Vec2::new(width, 0.0), duv_dy: Vec2::new(0.0, -0.5 * width), random: 0 };
         let level = (2.0 * f64::from(width) * f64::from(SIDE)).log2().max(0.0);
         let i = level.floor() as usize;
-        let get = |filter| f64::from(lookup(&mut image.source(), uv, footprint, sampler(filter)).x);
-        let (fine, coarse) = (box_mean(&image, i, wide(uv)), box_mean(&image, i + 1, wide(uv)));
+        let get = |filter| {
+            let sampler = Sampler { wrap, ..sampler(filter) };
+            f64::from(lookup(&mut image.source(), uv, footprint, sampler).x)
+        };
+        let (fine, coarse) = (box_mean(&image, wrap, i, wide(uv)), box_mean(&image, wrap, i + 1, wide(uv)));
         // Only rounding of uv (2 · 64 texels · 2⁻²⁴, slopes up to 1 in each direction) and of the level.
         let tolerance = 3e-5;
         assert!((get(TextureFilter::Bilinear) - fine).abs() < tolerance, "{uv} {width}");
@@ -110,7 +129,7 @@ fn point_bilinear_and_trilinear_are_their_integrals() {
         let (x, y) = (wide(uv)[0] * side, (1.0 - wide(uv)[1]) * side);
         // Not within rounding of an edge between texels.
         if (x - x.round()).abs() > 1e-4 && (y - y.round()).abs() > 1e-4 {
-            let nearest = texel(&image, i, x.floor() as i64, y.floor() as i64);
+            let nearest = texel(&image, wrap, i, x.floor() as i64, y.floor() as i64);
             assert_eq!(get(TextureFilter::Point), nearest, "{uv} {width}");
         }
     }
@@ -133,7 +152,7 @@ fn ewa_is_near_the_integral_over_its_ellipse() {
         let (uv, (long, short)) = (draw.uv(), axes(&mut draw));
         let footprint = Footprint { duv_dx: long, duv_dy: short, random: 0 };
         let got = f64::from(lookup(&mut image.source(), uv, footprint, sampler(TextureFilter::Ewa)).x);
-        let error = got - ellipse_mean(&image, wide(uv), wide(long), wide(short));
+        let error = got - ellipse_mean(&image, Wrap::Repeat, uv, long, short);
         square += error * error / f64::from(n);
         worst = worst.max(error.abs());
     }
@@ -149,7 +168,7 @@ fn the_stochastic_filter_is_the_integral_in_the_mean() {
     let mut sum_z2 = 0.0;
     for case in 0..cases {
         let (uv, (long, short)) = (draw.uv() * 8.0 - 4.0, axes(&mut draw));
-        let want = ellipse_mean(&image, wide(uv), wide(long), wide(short));
+        let want = ellipse_mean(&image, Wrap::Repeat, uv, long, short);
         let (mut mean, mut square) = (0.0, 0.0);
         for key in 0..n {
             let random = random_bits(key, Vec3::new(uv.x, 0.5, uv.y), case);
@@ -168,7 +187,7 @@ fn the_stochastic_filter_is_the_integral_in_the_mean() {
 }
 
 /// Levels that each have one value, their number.
-fn numbered() -> Image<GreyFloat> {
+pub(super) fn numbered() -> Image<GreyFloat> {
     Image::by_level((512, 512), |level| level as f32)
 }
 
@@ -227,7 +246,7 @@ fn the_stochastic_filter_chooses_between_the_same_two_levels() {
 #[test]
 fn means_are_kept() {
     let image = white(6);
-    let mean = texel(&image, 6, 0, 0);
+    let mean = texel(&image, Wrap::Repeat, 6, 0, 0);
     for filter in FILTERS {
         let (n, mut sum) = (SIDE * 4, 0.0);
         for y in 0..n {

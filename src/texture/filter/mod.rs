@@ -237,4 +237,6 @@ pub(super) const FILTERS: [TextureFilter; 5] = [
 #[cfg(test)]
 mod integrals;
 #[cfg(test)]
+mod outside;
+#[cfg(test)]
 mod tests;

@@ -70,8 +70,13 @@ pub(super) fn stochastic<S: TexelSource>(
     let (sin, cos) = (TAU * u2).sin_cos();
     let offset = (ellipse.long * cos + ellipse.short * sin) * squared_radius(u3).sqrt();
     let (width, height) = s.size(level);
-    // Brought into range before the offset too, beside which large coordinates would leave no digits.
-    let place = into_range(into_range(st, wrap) + offset, wrap) * Vec2::new(width as f32, height as f32);
+    let st = match wrap {
+        // The offset may lead back to the image; where it gets lost beside `st`, it does not.
+        Wrap::Clamp | Wrap::Black => st,
+        // Large coordinates would leave the offset no digits.
+        Wrap::Repeat | Wrap::OctahedralSphere => into_range(st, wrap),
+    };
+    let place = into_range(st + offset, wrap) * Vec2::new(width as f32, height as f32);
     let texel = (place - 0.5 + Vec2::new(u0, u1)).floor();
     wrapped_texel(s, level, texel.x as i32, texel.y as i32, wrap)
 }

@@ -25,7 +25,8 @@ fn fraction(x: f32) -> f32 {
 }
 
 /// Brings coordinates near the image, and NaN to 0, where that changes nothing: exact for large uv
-/// and it makes the texel arithmetic free of division.
+/// and it makes the texel arithmetic free of division. For a look-up at a point only: what is beyond a
+/// clamped edge is one colour, but not all that an ellipse about it covers.
 #[inline(always)]
 pub(super) fn into_range(st: Vec2, wrap: Wrap) -> Vec2 {
     let (lo, hi) = match wrap {
@@ -35,6 +36,17 @@ pub(super) fn into_range(st: Vec2, wrap: Wrap) -> Vec2 {
     };
     // `f32::max` and `min` prefer the number to the NaN.
     Vec2::new(st.x.max(lo).min(hi), st.y.max(lo).min(hi))
+}
+
+/// `st` in texels of a level of `size`, centres at integers, for what reads texels up to `reach`
+/// away from there. Moved, and NaN too, only where all of those are off the image.
+#[inline(always)]
+pub(super) fn centre(st: Vec2, size: Vec2, reach: Vec2, wrap: Wrap) -> Vec2 {
+    if matches!(wrap, Wrap::Repeat | Wrap::OctahedralSphere) {
+        return into_range(st, wrap) * size - 0.5;
+    }
+    let (p, lo, hi) = (st * size - 0.5, -1.0 - reach, size + reach);
+    Vec2::new(p.x.max(lo.x).min(hi.x), p.y.max(lo.y).min(hi.y))
 }
 
 pub(super) fn wrap_texel(x: i32, y: i32, width: u32, height: u32, wrap: Wrap) -> Option<(u32, u32)> {
