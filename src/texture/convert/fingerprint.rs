@@ -7,7 +7,7 @@
 
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
-use std::fs::File;
+use crate::texture::open::open_regular;
 use std::io::Read;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
@@ -23,10 +23,7 @@ const CHUNK_BYTES: usize = 1 << 20;
 /// [`Error::Io`] when it cannot be read; [`Error::Input`] when it is no regular file.
 pub fn of_file(path: &Path) -> Result<String> {
     let io = |e| Error::io(path, e);
-    let mut file = File::open(path).map_err(io)?;
-    if !file.metadata().map_err(io)?.is_file() {
-        return Err(Error::file(path, "not a regular file; an image is needed"));
-    }
+    let mut file = open_regular(path)?;
     let mut hash = Xxh3::new();
     let mut chunk = vec![0; CHUNK_BYTES];
     loop {
