@@ -32,7 +32,6 @@ fn open(path: &Path, flags: OFlags) -> std::io::Result<File> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::texture::convert::fingerprint::of_file;
     use crate::texture::image_io::decoded_bytes;
     use crate::texture::read_image;

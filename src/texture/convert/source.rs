@@ -155,11 +155,7 @@ impl Source {
     }
 
     fn unchanged(&self) -> std::result::Result<(), Failure> {
-        if Stamp::of(&self.path)? == self.stamp {
-            return Ok(());
-        }
-        Err(Error::file(&self.path, "the file changed while it was read; try again when it is at rest")
-            .into())
+        Ok(self.stamp.check(&self.path)?)
     }
 
     /// For a decoder that ended before the image did.
