@@ -242,6 +242,11 @@ fn note_what_is_odd(outcome: &Outcome) {
     } else if outcome.interrupted {
         note(&format!("stopped by --time: the image has {per_pixel:.1} of {asked} samples per pixel"));
     }
+    let unreached = stats.image.pixels_without_samples;
+    if unreached > 0 {
+        let share = unreached as f64 / pixels.max(1) as f64 * 100.0;
+        note(&format!("warning: {unreached} pixels ({share:.0} %) were not reached and are black"));
+    }
     let (samples, pixels) = (stats.image.non_finite_samples, outcome.image.non_finite_pixels());
     if samples > 0 || pixels > 0 {
         note(&format!("warning: {samples} samples and {pixels} pixels are infinite or not a number"));

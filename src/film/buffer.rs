@@ -56,6 +56,17 @@ impl FilmBuffer {
         [x, y, (x + TILE).min(self.crop[2]), (y + TILE).min(self.crop[3])]
     }
 
+    /// Pixels that no pass has reached.
+    #[must_use]
+    pub fn untouched_pixels(&self) -> u64 {
+        let pixels = |i: u32| {
+            let [x0, y0, x1, y1] = self.rectangle(i);
+            u64::from(x1 - x0) * u64::from(y1 - y0)
+        };
+        let untouched = |i: &u32| self.tiles[*i as usize].lock().is_ok_and(|tile| tile.passes == 0);
+        (0..self.tile_count()).filter(untouched).map(pixels).sum()
+    }
+
     /// All tiles along a Z-order curve (Morton 1966), so that neighbours come soon after each other.
     #[must_use]
     pub fn along(&self) -> Vec<u32> {

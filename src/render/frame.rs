@@ -32,6 +32,10 @@ use std::time::{Duration, Instant};
 /// 100 KB that stay in the second-level cache.
 const PASS: u32 = 16;
 
+/// Passes from which one over the whole film comes first in [`Order::Tiles`]: it reads all textures once
+/// more, which many passes are long enough for.
+const PREVIEW: u64 = 8;
+
 /// See [`super::render`].
 pub(super) fn render(
     scene: &SceneDescription,
@@ -132,6 +136,7 @@ pub(super) fn render(
     let [x0, y0, x1, y1] = film.crop;
     stats.image.width = x1 - x0;
     stats.image.height = y1 - y0;
+    stats.image.pixels_without_samples = job.buffer.untouched_pixels();
     stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
     stats.memory.peak_accounted =
         geometry.bytes() + accel.bytes() + textures.store().bytes() + job.buffer.bytes();
@@ -304,7 +309,8 @@ enum Order {
     /// A pass over the whole film before the next: whenever it is stopped, the image is whole.
     Passes,
     /// All passes of a tile before the next tile: what its rays read is read once, and not again for
-    /// every pass. Tiles that are not reached before it is stopped stay black.
+    /// every pass. Where passes are many the first still goes over the whole film, so that what is
+    /// stopped is an image; where they are few, tiles that were not reached stay black.
     Tiles,
 }
 
@@ -368,7 +374,9 @@ impl<A: Accel> Job<'_, A> {
             let (round, place) = (item / tiles, item % tiles);
             let work = match self.order {
                 Order::Passes if round < passes => round..round + 1,
+                Order::Tiles if round == 0 && passes >= PREVIEW => 0..1,
                 Order::Tiles if round == 0 => 0..passes,
+                Order::Tiles if round == 1 && passes >= PREVIEW => 1..passes,
                 _ => break,
             };
             // They were u32 before they were multiplied.
@@ -383,7 +391,8 @@ impl<A: Accel> Job<'_, A> {
                     let _ = self.first_pixel.set(Instant::now());
                 }
                 let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
-                if item.is_multiple_of(64) {
+                // A few times a second at most.
+                if done >> 16 != (done - samples) >> 16 {
                     (self.control.progress)(Progress::Samples { done, total });
                 }
             }

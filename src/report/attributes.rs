@@ -48,7 +48,8 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         first_pixel_s: _,
         stall_s: _,
     } = *time;
-    let ImageStats { width: _, height: _, spp, samples, non_finite_samples } = *image;
+    let ImageStats { width: _, height: _, spp, samples, non_finite_samples, pixels_without_samples: _ } =
+        *image;
     let RayStats { closest, occluded, per_second } = *rays;
     let MemoryStats { budget: _, peak_accounted: _, peak_rss, unaccounted: _ } = *memory;
 

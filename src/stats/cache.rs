@@ -29,7 +29,7 @@ pub struct CacheCounts {
     pub read_ns: u64,
     /// Time spent waiting: for another thread's read, or for room.
     pub stall_ns: u64,
-    /// Reads that failed.
+    /// Reads that failed; they count as misses and as loaded too, since what stands in for them does.
     pub failed: u64,
 }
 

@@ -6,8 +6,8 @@
 //! Invariant: at most [`StackDistances::MAX_KEYS`] keys are followed, whatever the run touches; a
 //! key is followed for as long as its hash is below the threshold, which only ever falls.
 
+use super::KeyBuildHasher;
 use std::collections::{BinaryHeap, HashMap};
-use std::hash::{BuildHasherDefault, Hasher};
 
 /// Parts of an octave of sizes that are told apart: sizes are known to 1.5 %.
 const PARTS: f64 = 48.0;
@@ -21,7 +21,7 @@ pub struct StackDistances {
     max_keys: usize,
     threshold: u32,
     /// By key: when it was last used, in slots.
-    last: HashMap<u64, u32, BuildHasherDefault<KeyHasher>>,
+    last: HashMap<u64, u32, KeyBuildHasher>,
     /// Followed keys by hash, the largest first: the first to be given up.
     by_hash: BinaryHeap<(u32, u64)>,
     /// What was used at each time; [`EMPTY`] where it has been used again or given up since.
@@ -44,7 +44,7 @@ impl StackDistances {
         Self {
             max_keys,
             threshold: u32::MAX,
-            last: HashMap::with_capacity_and_hasher(max_keys + 1, BuildHasherDefault::default()),
+            last: HashMap::with_capacity_and_hasher(max_keys + 1, KeyBuildHasher::default()),
             by_hash: BinaryHeap::with_capacity(max_keys + 1),
             slots: Vec::with_capacity(max_keys * 4),
             sums: vec![0; max_keys * 4 + 1],
@@ -171,23 +171,6 @@ pub fn sample_hash(key: u64) -> u32 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     (z >> 32) as u32
-}
-
-/// One multiplication: keys are made of small numbers, by ourselves.
-#[derive(Default)]
-struct KeyHasher(u64);
-
-impl Hasher for KeyHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
-    }
-    fn write_u64(&mut self, key: u64) {
-        let h = (self.0 ^ key).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.0 = h ^ (h >> 32);
-    }
 }
 
 /// Where a distance of `bytes` is counted; a cache of `bytes` holds all that is counted there or before.

@@ -3,10 +3,12 @@
 //! destructures it. Never prints (`report` does) and never decides anything.
 
 mod cache;
+mod key_hasher;
 mod miss_ratio;
 mod process;
 
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
+pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
 pub use process::{available_memory_bytes, peak_rss_bytes, thread_cpu_seconds};
 
@@ -164,6 +166,8 @@ pub struct ImageStats {
     pub samples: u64,
     /// Samples that were infinite or not a number.
     pub non_finite_samples: u64,
+    /// Pixels that a stopped render did not reach; black.
+    pub pixels_without_samples: u64,
 }
 
 /// Rays traced.

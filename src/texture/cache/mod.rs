@@ -7,6 +7,8 @@
 //! the others wait. Never interprets a texel.
 
 mod counters;
+mod curve;
+mod shard;
 mod source;
 mod thread;
 mod tile;
@@ -16,15 +18,14 @@ pub use source::TileSource;
 pub use thread::ThreadCache;
 
 use crate::error::{Error, Result};
-use crate::stats::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, StackDistances, sample_hash};
+use crate::stats::{KeyBuildHasher, StackDistances, sample_hash, spread};
 use lru::LruCache;
+use shard::{Padded, PendingState, Shard};
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tile::{Blocks, Tile, allocate, blocks_for, cost};
+use tile::{Lines, Tile, allocate, cost, lines_for};
 
 /// Tails that an eviction compares: the oldest of several random ones is nearly the oldest of all.
 const TAILS: usize = 4;
@@ -46,66 +47,15 @@ pub struct CacheOptions {
     pub latency: Duration,
 }
 
-/// Keys are made of small numbers, and one multiplication spreads them (Fibonacci hashing).
-#[derive(Default)]
-struct KeyHasher(u64);
-
-impl Hasher for KeyHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        bytes.iter().for_each(|&b| self.write_u64(u64::from(b)));
-    }
-    #[inline(always)]
-    fn write_u64(&mut self, key: u64) {
-        self.0 = spread(self.0 ^ key);
-    }
-}
-
-/// High bits in the low ones too: the table takes its buckets from those and its tags from the others.
-#[inline(always)]
-fn spread(key: u64) -> u64 {
-    let h = key.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    h ^ (h >> 32)
-}
-
-type KeyBuildHasher = BuildHasherDefault<KeyHasher>;
-
-struct Shard {
-    tiles: LruCache<u64, Arc<Tile>, KeyBuildHasher>,
-    /// Coarse levels, which stay.
-    kept: HashMap<u64, Arc<Tile>, KeyBuildHasher>,
-    loading: HashMap<u64, Arc<Pending>, KeyBuildHasher>,
-}
-
-/// A cache line's worth apart (and its prefetched pair), so that two shards' locks do not collide.
-#[repr(align(128))]
-struct Padded<T>(T);
-
-/// A tile that is being read.
-#[derive(Default)]
-struct Pending {
-    state: Mutex<PendingState>,
-    done: Condvar,
-}
-
-#[derive(Default)]
-enum PendingState {
-    #[default]
-    Reading,
-    Read(Arc<Tile>),
-    /// The reader's thread has come to grief.
-    Abandoned,
-}
-
 /// One file's part of the cache.
 struct CachedFile {
     file: Box<dyn TileSource>,
     /// A bit for every tile: whether it has ever been read.
     seen: Box<[AtomicU64]>,
-    /// Blocks of one tile.
-    blocks: usize,
+    /// Lines of one tile.
+    lines: usize,
+    /// The first tile that is the only one of its level; all after it are too.
+    alone: u32,
     failed: AtomicU64,
 }
 
@@ -147,7 +97,7 @@ fn key(file: u32, tile: u32) -> u64 {
 /// use and one that is being read.
 #[must_use]
 pub fn least_budget(tile_bytes: usize, threads: usize) -> u64 {
-    2 * threads.max(1) as u64 * cost(blocks_for(tile_bytes))
+    2 * threads.max(1) as u64 * cost(lines_for(tile_bytes))
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -166,12 +116,18 @@ impl TileCache {
             .into_iter()
             .map(|file| CachedFile {
                 seen: (0..file.tile_count().div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
-                blocks: blocks_for(file.tile_bytes()),
+                lines: lines_for(file.tile_bytes()),
+                alone: file
+                    .first_tiles()
+                    .iter()
+                    .copied()
+                    .find(|&tile| file.is_alone(tile))
+                    .unwrap_or(u32::MAX),
                 failed: AtomicU64::new(0),
                 file,
             })
             .collect();
-        let largest = files.iter().map(|f| cost(f.blocks)).max().unwrap_or(1);
+        let largest = files.iter().map(|f| cost(f.lines)).max().unwrap_or(1);
         let threads = options.threads.max(1) as u64;
         let least = 2 * threads * largest;
         if options.budget < least {
@@ -252,75 +208,6 @@ impl TileCache {
         lock(&self.failures).clone()
     }
 
-    /// What it cost, with `names` for its files.
-    #[must_use]
-    pub fn stats(&self, names: &[PathBuf]) -> CacheStats {
-        let counts = self.counts();
-        let total = counts.total();
-        let by_file = names.iter().zip(&counts.files).filter(|(_, levels)| !levels.is_empty());
-        CacheStats {
-            budget: self.budget,
-            peak: self.peak(),
-            index_bytes: self.index_bytes(),
-            buffer_bytes: self.scratch_bytes(),
-            total: CacheRow::from(&total),
-            knee: self.knee(&total),
-            by_depth: counts.depths.iter().map(CacheRow::from).collect(),
-            by_file: by_file
-                .map(|(name, levels)| {
-                    let mut sum = CacheCounts::default();
-                    levels.iter().for_each(|l| sum.add(l));
-                    CacheFile {
-                        file: name.display().to_string(),
-                        total: CacheRow::from(&sum),
-                        by_level: levels.iter().map(CacheRow::from).collect(),
-                    }
-                })
-                .collect(),
-        }
-    }
-
-    /// Where a larger cache stops paying.
-    fn knee(&self, total: &CacheCounts) -> Option<Knee> {
-        // Tiles of several sizes read in their proportion.
-        let pressure = |bytes| self.predicted_misses(bytes) / total.misses_compulsory.max(1) as f64;
-        let sizes = lock(&self.distances).sizes();
-        let bytes = sizes.into_iter().find(|&bytes| pressure(bytes) <= 1.1)?;
-        Some(Knee { bytes, pressure: pressure(bytes), pressure_at_half: pressure(bytes / 2) })
-    }
-
-    /// Predicted misses over look-ups for caches of other sizes, in rising order of bytes.
-    #[must_use]
-    pub fn miss_ratio_curve(&self) -> Vec<(u64, f64)> {
-        let lookups = lock(&self.totals).total().lookups.max(1) as f64;
-        let sizes = lock(&self.distances).sizes();
-        // Steps of 6 %: a curve to draw.
-        let steps = sizes.into_iter().rev().step_by(4);
-        let mut curve: Vec<_> = steps.map(|bytes| (bytes, self.predicted_misses(bytes) / lookups)).collect();
-        curve.reverse();
-        curve
-    }
-
-    /// Tiles that a cache of `bytes` would have read in the run that this one has seen.
-    #[must_use]
-    pub fn predicted_misses(&self, bytes: u64) -> f64 {
-        let first = lock(&self.totals).total().misses_compulsory;
-        // Levels that stay leave less to the others.
-        let alone = |f: &CachedFile| {
-            let read =
-                |tile: &u32| f.seen[*tile as usize / 64].load(Ordering::Relaxed) >> (tile % 64) & 1 == 1;
-            let tiles = f.file.first_tiles().iter().filter(|t| f.file.is_alone(**t) && read(t));
-            tiles.count() as u64 * cost(f.blocks)
-        };
-        let kept = self.files.iter().map(alone).sum::<u64>().min(self.kept_limit(bytes));
-        lock(&self.distances).misses(bytes - kept, self.requests.load(Ordering::Relaxed), first)
-    }
-
-    /// Most bytes of levels that stay in a cache of `bytes`.
-    fn kept_limit(&self, bytes: u64) -> u64 {
-        bytes.saturating_sub(self.least) / 16
-    }
-
     #[inline(always)]
     fn shard(&self, key: u64) -> MutexGuard<'_, Shard> {
         let index = (spread(key) >> 40) as usize & (self.shards.len() - 1);
@@ -374,11 +261,11 @@ impl TileCache {
         let mut abandon = Abandon { cache: self, key, reserved: 0 };
         let (file, index) = (&self.files[(key >> 32) as usize], key as u32);
         let start = Instant::now();
-        let mut blocks = self.room(file.blocks);
-        abandon.reserved = cost(file.blocks);
+        let mut lines = self.room(file.lines);
+        abandon.reserved = cost(file.lines);
         let ready = Instant::now();
         let size = file.file.tile_bytes();
-        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut blocks);
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
         let read = file.file.read_tile(index, &mut bytes[..size], &mut thread.scratch);
         if let Some(rest) = self.latency.checked_sub(ready.elapsed()) {
             std::thread::sleep(rest);
@@ -398,7 +285,7 @@ impl TileCache {
         let first = file.seen[index as usize / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0;
         let now = self.clock.fetch_add(1, Ordering::Relaxed);
         let level = file.file.level_of(index) as u32;
-        let tile = Arc::new(Tile { level, used: AtomicU64::new(now), blocks });
+        let tile = Arc::new(Tile { level, used: AtomicU64::new(now), lines });
         let keep = self.keeps(file, index);
         let pending = {
             let mut shard = self.shard(key);
@@ -428,37 +315,37 @@ impl TileCache {
     /// Whether a tile that has just been read stays: levels of one tile do while there is room for
     /// them, because most look-ups from afar end there.
     fn keeps(&self, file: &CachedFile, tile: u32) -> bool {
-        let bytes = cost(file.blocks);
+        let bytes = cost(file.lines);
         let fits = |kept: u64| (kept + bytes <= self.kept_limit(self.budget)).then_some(kept + bytes);
-        file.file.is_alone(tile) && self.kept.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
+        tile >= file.alone && self.kept.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
     }
 
-    /// Room for a tile of `blocks`, taken from the budget before it is allocated; evicts what has
+    /// Room for a tile of `lines`, taken from the budget before it is allocated; evicts what has
     /// not been used for longest.
-    fn room(&self, blocks: usize) -> Blocks {
-        let bytes = cost(blocks);
+    fn room(&self, lines: usize) -> Lines {
+        let bytes = cost(lines);
         loop {
             let fits = |used: u64| (used + bytes <= self.budget).then_some(used + bytes);
             if let Ok(before) = self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits) {
                 self.peak.fetch_max(before + bytes, Ordering::Relaxed);
-                return allocate(blocks);
+                return allocate(lines);
             }
             match self.evict() {
                 // The same room goes from hand to hand.
-                Some(old) if old.len() == blocks => return old,
+                Some(old) if old.len() == lines => return old,
                 Some(old) => {
                     let freed = cost(old.len());
                     drop(old);
                     self.used.fetch_sub(freed, Ordering::Relaxed);
                 }
-                // All that is not in somebody's hands is being read; that ends.
-                None => std::thread::yield_now(),
+                // All that is not in somebody's hands is being read; that ends, in the time of a read.
+                None => std::thread::sleep(Duration::from_micros(20)),
             }
         }
     }
 
     /// Takes the oldest of several shards' oldest tiles out; `None` when every tile is in use.
-    fn evict(&self) -> Option<Blocks> {
+    fn evict(&self) -> Option<Lines> {
         let n = self.shards.len();
         let start = self.hand.fetch_add(1, Ordering::Relaxed).wrapping_mul(TAILS);
         let oldest = (0..TAILS.min(n))
@@ -466,9 +353,9 @@ impl TileCache {
             .filter_map(|i| lock(&self.shards[i].0).oldest().map(|used| (used, i)))
             .min();
         if let Some((_, i)) = oldest
-            && let Some(blocks) = lock(&self.shards[i].0).pop()
+            && let Some(lines) = lock(&self.shards[i].0).pop()
         {
-            return Some(blocks);
+            return Some(lines);
         }
         (0..n).find_map(|i| lock(&self.shards[(start + i) & (n - 1)].0).pop())
     }
@@ -485,49 +372,7 @@ impl TileCache {
     #[inline(always)]
     fn is_sampled(&self, key: u64) -> bool {
         sample_hash(key) <= self.threshold.load(Ordering::Relaxed)
-    }
-}
-
-impl Shard {
-    /// When the oldest tile that nobody holds was used. Tiles that are held at the old end are in
-    /// use, whatever their time says, and become the youngest.
-    fn oldest(&mut self) -> Option<u64> {
-        for _ in 0..self.tiles.len() {
-            let (&key, tile) = self.tiles.peek_lru()?;
-            if Arc::strong_count(tile) == 1 {
-                return Some(tile.used.load(Ordering::Relaxed));
-            }
-            self.tiles.promote(&key);
-        }
-        None
-    }
-
-    /// Takes the oldest tile out that nobody holds. Nobody can begin to hold it meanwhile: only
-    /// under the shard's lock is a tile handed out that no thread holds.
-    fn pop(&mut self) -> Option<Blocks> {
-        self.oldest()?;
-        let (_, tile) = self.tiles.pop_lru()?;
-        Arc::into_inner(tile).map(|tile| tile.blocks)
-    }
-}
-
-impl Pending {
-    fn finish(&self, state: PendingState) {
-        *lock(&self.state) = state;
-        self.done.notify_all();
-    }
-
-    /// The tile, when it is there; `None` when its reader gave up.
-    fn wait(&self) -> Option<Arc<Tile>> {
-        let mut state = lock(&self.state);
-        loop {
-            match &*state {
-                PendingState::Reading => {}
-                PendingState::Read(tile) => return Some(Arc::clone(tile)),
-                PendingState::Abandoned => return None,
-            }
-            state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
-        }
+            && (key as u32) < self.files[(key >> 32) as usize].alone
     }
 }
 
@@ -540,7 +385,7 @@ struct Abandon<'a> {
 
 impl Drop for Abandon<'_> {
     fn drop(&mut self) {
-        // The blocks themselves went before, as locals of the reader do.
+        // The lines themselves went before, as locals of the reader do.
         self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
         let pending = self.cache.shard(self.key).loading.remove(&self.key);
         if let Some(pending) = pending {

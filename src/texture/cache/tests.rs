@@ -59,7 +59,7 @@ fn cache(files: Vec<Numbers>, budget: u64, threads: usize) -> TileCache {
 
 /// What one tile of `bytes` takes.
 fn one(bytes: usize) -> u64 {
-    cost(blocks_for(bytes))
+    cost(lines_for(bytes))
 }
 
 /// Keys whose popularity differs, without order.
@@ -114,7 +114,7 @@ fn every_texel_is_right_and_every_byte_counted_at_every_budget() {
                 let shard = lock(&cache.shards[i].0);
                 assert!(shard.tiles.iter().all(|(_, t)| Arc::strong_count(t) == 1));
                 let tiles = shard.tiles.iter().map(|(_, t)| t).chain(shard.kept.values());
-                tiles.map(|t| cost(t.blocks.len())).sum::<u64>()
+                tiles.map(|t| cost(t.lines.len())).sum::<u64>()
             })
             .sum();
         assert_eq!(resident, cache.used.load(Ordering::Relaxed));
@@ -271,4 +271,39 @@ fn a_reader_that_panics_leaves_nobody_waiting() {
         assert!(first.join().is_err());
         assert_eq!(ThreadCache::new(&cache).tile(&cache, 0, 0)[0], 1);
     });
+}
+
+/// Bytes that this process holds.
+fn resident_bytes() -> Option<u64> {
+    let pages: u64 = std::fs::read_to_string("/proc/self/statm").ok()?.split(' ').nth(1)?.parse().ok()?;
+    Some(pages * 4096)
+}
+
+#[test]
+#[ignore = "run in a process of its own by the next"]
+fn resident_memory_of_many_tiles() {
+    let Some(before) = resident_bytes() else { return };
+    let (tiles, bytes) = (8000u64, 12_288);
+    let files = (0..tiles.div_ceil(u64::from(TILES))).map(|_| numbers(bytes)).collect();
+    let cache = cache(files, tiles * one(bytes), 1);
+    let mut thread = ThreadCache::new(&cache);
+    for file in 0..cache.files.len() as u32 {
+        (0..TILES).for_each(|tile| assert_eq!(thread.tile(&cache, file, tile)[0], texel(tile, 0)));
+    }
+    thread.finish(&cache);
+    let grown = resident_bytes().expect("it was there before") - before;
+    let counted = cache.used.load(Ordering::Relaxed);
+    assert!(counted > (tiles - 10) * one(bytes), "{counted}");
+    // Beside the tiles: the curve's tables and what the process touched for the first time.
+    assert!(grown < counted + (2 << 20), "{grown} bytes for {counted} that were counted");
+}
+
+#[test]
+fn tiles_take_no_more_memory_than_is_counted() {
+    let program = std::env::current_exe().expect("this program's own file");
+    let name = "texture::cache::tests::resident_memory_of_many_tiles";
+    let run = std::process::Command::new(program).args(["--exact", name, "--ignored"]).output();
+    let run = run.expect("it started once");
+    let text = String::from_utf8_lossy(&run.stdout);
+    assert!(run.status.success() && text.contains("1 passed"), "{text}");
 }

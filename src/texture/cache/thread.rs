@@ -5,8 +5,8 @@
 
 use super::counters::{DEPTHS, FileCounts};
 use super::tile::Tile;
-use super::{TileCache, key, lock, spread};
-use crate::stats::CacheCounts;
+use super::{TileCache, key, lock};
+use crate::stats::{CacheCounts, spread};
 use crate::texture::tiled::TileScratch;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -92,7 +92,7 @@ impl ThreadCache {
         let ledger = &mut self.ledger;
         ledger.requests += 1;
         if cache.is_sampled(key) {
-            let bytes = super::cost(cache.files[(key >> 32) as usize].blocks);
+            let bytes = super::cost(cache.files[(key >> 32) as usize].lines);
             ledger.sampled.push((key, u32::try_from(bytes).unwrap_or(u32::MAX)));
             if ledger.sampled.len() == SAMPLES {
                 cache.record(&mut ledger.sampled, std::mem::take(&mut ledger.requests));

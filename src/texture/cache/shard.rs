@@ -1,0 +1,82 @@
+//! A part of the tile cache under one lock: which tiles are there, which stay, which are being read.
+//!
+//! Invariant: a tile that no thread holds is handed out only under the lock of its shard, so that
+//! who finds it unheld there may take it out.
+
+use super::lock;
+use super::tile::{Lines, Tile};
+use crate::stats::KeyBuildHasher;
+use lru::LruCache;
+use std::collections::HashMap;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+
+pub(super) struct Shard {
+    pub(super) tiles: LruCache<u64, Arc<Tile>, KeyBuildHasher>,
+    /// Coarse levels, which stay.
+    pub(super) kept: HashMap<u64, Arc<Tile>, KeyBuildHasher>,
+    pub(super) loading: HashMap<u64, Arc<Pending>, KeyBuildHasher>,
+}
+
+/// A cache line's worth apart (and its prefetched pair), so that two shards' locks do not collide.
+#[repr(align(128))]
+pub(super) struct Padded<T>(pub(super) T);
+
+/// A tile that is being read.
+#[derive(Default)]
+pub(super) struct Pending {
+    state: Mutex<PendingState>,
+    done: Condvar,
+}
+
+#[derive(Default)]
+pub(super) enum PendingState {
+    #[default]
+    Reading,
+    Read(Arc<Tile>),
+    /// The reader's thread has come to grief.
+    Abandoned,
+}
+
+impl Shard {
+    /// When the oldest tile that nobody holds was used. Tiles that are held at the old end are in
+    /// use, whatever their time says, and become the youngest.
+    pub(super) fn oldest(&mut self) -> Option<u64> {
+        for _ in 0..self.tiles.len() {
+            let (&key, tile) = self.tiles.peek_lru()?;
+            if Arc::strong_count(tile) == 1 {
+                return Some(tile.used.load(Ordering::Relaxed));
+            }
+            self.tiles.promote(&key);
+        }
+        None
+    }
+
+    /// Takes the oldest tile out that nobody holds. Nobody can begin to hold it meanwhile: only
+    /// under the shard's lock is a tile handed out that no thread holds.
+    pub(super) fn pop(&mut self) -> Option<Lines> {
+        self.oldest()?;
+        let (_, tile) = self.tiles.pop_lru()?;
+        Arc::into_inner(tile).map(|tile| tile.lines)
+    }
+}
+
+impl Pending {
+    pub(super) fn finish(&self, state: PendingState) {
+        *lock(&self.state) = state;
+        self.done.notify_all();
+    }
+
+    /// The tile, when it is there; `None` when its reader gave up.
+    pub(super) fn wait(&self) -> Option<Arc<Tile>> {
+        let mut state = lock(&self.state);
+        loop {
+            match &*state {
+                PendingState::Reading => {}
+                PendingState::Read(tile) => return Some(Arc::clone(tile)),
+                PendingState::Abandoned => return None,
+            }
+            state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
