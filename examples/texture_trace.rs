@@ -15,6 +15,7 @@ use weir::prepare::ImageNeeds;
 use weir::scene::{Encoding, ImageId, ImageSource};
 use weir::stats::thread_cpu_seconds;
 use weir::texture::cache::ThreadCache;
+use weir::texture::convert::Watch;
 use weir::texture::{Caching, Probe, TextureOptions, TextureStore};
 
 /// Look-ups that are seeded together.
@@ -206,7 +207,7 @@ fn open(directory: &str, megabytes: f64, threads: usize, caching: Caching) -> Re
     let needs = vec![ImageNeeds { used: true, mip_levels: true, whole: false }; sources.len()];
     let budget = (megabytes * 1_048_576.0) as u64;
     let options = TextureOptions { budget, threads, caching, ..TextureOptions::default() };
-    TextureStore::load(&sources, &needs, &options, &|_, _| ())
+    TextureStore::load(&sources, &needs, &options, Watch::nobody())
 }
 
 fn run() -> Result<(), Error> {

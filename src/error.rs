@@ -63,6 +63,9 @@ pub enum Error {
     /// Memory, disk or the ray tracing library ran out or refused.
     #[error("{0}")]
     Resource(String),
+    /// A person stopped it before there was anything to write.
+    #[error("interrupted: nothing is written")]
+    Interrupted,
 }
 
 /// The crate's result.
@@ -84,7 +87,7 @@ impl Error {
         Self::Io { path: path.as_ref().to_path_buf(), source }
     }
 
-    /// 2 for bad usage or input, 3 for an exhausted resource.
+    /// 2 for bad usage or input, 3 for an exhausted resource, 130 for an interruption.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -94,6 +97,7 @@ impl Error {
                 _ => 2,
             },
             Self::Resource(_) => 3,
+            Self::Interrupted => 130,
         }
     }
 }

@@ -29,7 +29,7 @@ pub fn try_replace_file<T, E: From<io::Error>>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
 ) -> std::result::Result<T, E> {
-    replace(path, true, write)
+    replace(path, Manner { through_links: true, synced: true }, write)
 }
 
 /// As [`replace_file`], whole under its name for every reader, but on the disk only when the operating
@@ -41,27 +41,61 @@ pub fn replace_file_unsynced(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<()> {
-    replace(path, false, write).map_err(|e: io::Error| Error::io(path, e))
+    replace(path, Manner { through_links: true, synced: false }, write)
+        .map_err(|e: io::Error| Error::io(path, e))
+}
+
+/// As [`try_replace_file`], but a symbolic link at `path` is replaced itself, and permissions are a new
+/// file's: for directories that others may write to, where a link may name a file of somebody's.
+///
+/// # Errors
+/// As [`try_replace_file`].
+pub fn try_replace_entry<T, E: From<io::Error>>(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
+) -> std::result::Result<T, E> {
+    replace(path, Manner { through_links: false, synced: true }, write)
+}
+
+/// As [`replace_file_unsynced`], but a symbolic link at `path` is replaced itself.
+///
+/// # Errors
+/// As [`replace_file`].
+pub fn replace_entry_unsynced(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<()> {
+    replace(path, Manner { through_links: false, synced: false }, write)
+        .map_err(|e: io::Error| Error::io(path, e))
+}
+
+#[derive(Clone, Copy)]
+struct Manner {
+    /// A link stays, and so do the permissions of what it names.
+    through_links: bool,
+    synced: bool,
 }
 
 fn replace<T, E: From<io::Error>>(
     path: &Path,
-    synced: bool,
+    manner: Manner,
     write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
 ) -> std::result::Result<T, E> {
-    let target = resolve(path);
+    let target = if manner.through_links { resolve(path) } else { path.to_path_buf() };
     let (file, partial) = Partial::create(&target)?;
     let mut writer = BufWriter::new(file);
     let written = write(&mut writer)?;
     let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
-    if let Ok(old) = fs::metadata(&target) {
+    if manner.through_links
+        && let Ok(old) = fs::metadata(&target)
+    {
         file.set_permissions(old.permissions())?;
     }
-    if synced {
+    if manner.synced {
         file.sync_all()?;
     }
     partial.rename(&target)?;
-    if synced {
+    if manner.synced {
         // The rename itself reaches the disk with its directory; not every file system can sync one.
         let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
     }
@@ -105,11 +139,15 @@ pub fn check_replaceable(path: &Path) -> Result<()> {
     Partial::create(&target).map(|_| ()).map_err(|e| Error::io(path, e))
 }
 
-/// Removes every partial file of this process: for an exit that runs no destructors.
+/// Removes every partial file of this process, which makes no other from now on: for an exit that runs
+/// no destructors, while other threads still write.
 pub fn remove_partial_files() {
-    for path in PARTIAL.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+    let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
+    for path in partial.drain(..) {
         let _ = fs::remove_file(path);
     }
+    // Whoever would make or finish one now waits for the exit.
+    std::mem::forget(partial);
 }
 
 /// Through a symbolic link to what it names: renaming would otherwise replace the link.
@@ -254,5 +292,25 @@ mod tests {
         replace_with_bytes(&link, b"new").expect("write");
         assert_eq!(fs::read(&target).expect("there"), b"new");
         assert!(fs::symlink_metadata(&link).expect("there").file_type().is_symlink());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_entry_takes_the_place_of_a_link() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let victim = directory.path().join("victim");
+        replace_with_bytes(&victim, b"precious").expect("write");
+        for name in ["a", "b"] {
+            std::os::unix::fs::symlink(&victim, directory.path().join(name)).expect("link");
+        }
+        let write = |out: &mut BufWriter<File>| out.write_all(b"new");
+        try_replace_entry(&directory.path().join("a"), write).expect("write");
+        replace_entry_unsynced(&directory.path().join("b"), write).expect("write");
+        for name in ["a", "b"] {
+            let path = directory.path().join(name);
+            assert!(fs::symlink_metadata(&path).expect("there").is_file());
+            assert_eq!(fs::read(&path).expect("there"), b"new");
+        }
+        assert_eq!(fs::read(&victim).expect("there"), b"precious");
     }
 }

@@ -159,7 +159,10 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     interrupt::listen(bar.handle());
     let result = load_and_render(options, &bar);
     bar.clear();
-    let (parse_s, scene, mut outcome) = result?;
+    let (parse_s, scene, mut outcome) = match result {
+        Err(Error::Interrupted) => return nothing_to_write(),
+        result => result?,
+    };
     let stats = &mut outcome.stats;
     stats.time.parse_s = parse_s;
     // The library counts from where the scene is there.

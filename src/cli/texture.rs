@@ -11,8 +11,8 @@ use weir::error::{Error, Result};
 use weir::replace::{check_replaceable, try_replace_file};
 use weir::report::{bytes, seconds};
 use weir::scene::Encoding;
-use weir::texture::convert::fingerprint::{encoding_from_name, encoding_name, of_file};
-use weir::texture::convert::{Compression, Container, Failure, Settings, Summary, WrapMode, convert};
+use weir::texture::convert::fingerprint::{Stamp, encoding_from_name, encoding_name, of_file};
+use weir::texture::convert::{Compression, Container, Failure, Settings, Summary, Watch, WrapMode, convert};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -117,17 +117,24 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         let message = "is the input too; name another file to write";
         return Err(Error::Usage(format!("{}: {message}", output.display())));
     }
-    let hash = of_file(input)?;
-    check_replaceable(output)?;
     let bar = Bar::counting("rows", !options.quiet);
+    // The first Ctrl-C ends it: there is nothing to write that is of use.
     interrupt::listen(bar.handle());
+    let stamp = Stamp::of(input)?;
+    let hash = of_file(input)?;
+    stamp.check(input)?;
+    check_replaceable(output)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads.unwrap_or(0))
         .build()
         .map_err(|e| Error::Resource(format!("no threads to work with: {e}")))?;
     let progress = |done, total| bar.update_count(done, total);
-    let written =
-        try_replace_file(output, |out| pool.install(|| convert(input, &settings, &hash, out, &progress)));
+    let watch = Watch { progress: &progress, ..Watch::nobody() };
+    let written = try_replace_file(output, |out| {
+        let summary = pool.install(|| convert(input, &settings, &hash, out, watch))?;
+        stamp.check(input)?;
+        Ok(summary)
+    });
     bar.clear();
     let summary = written.map_err(|failure| match failure {
         Failure::Source(e) => e,

@@ -21,6 +21,7 @@ use crate::prepare;
 use crate::scene::{Film, SceneDescription, TextureId};
 use crate::settings::{Estimator, RenderSettings};
 use crate::stats::{self, Counters, RenderStats};
+use crate::texture::convert::Watch;
 use crate::texture::{Caching, TextureCoordinates, TextureOptions, TextureStore, Textures};
 use glam::{Mat3, Vec2, Vec3};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -223,11 +224,12 @@ fn load(
         caching: Caching::Direct,
     };
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
+    let watch = Watch { cancel: control.cancel, progress: &converting };
     let (geometry, (store, environments)) = rayon::join(
         || geometry::load(scene),
         || {
             rayon::join(
-                || TextureStore::load(&scene.images, &needs, &options, &converting),
+                || TextureStore::load(&scene.images, &needs, &options, watch),
                 || load_environments(scene),
             )
         },

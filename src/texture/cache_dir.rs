@@ -3,24 +3,27 @@
 //! either is not what it should be.
 //!
 //! Two Weirs, or two threads, that want the same file make it once: whoever has the lock makes it,
-//! the others wait and use it. Locks are the operating system's, so that a crash leaves none behind.
+//! the others wait and use it. Locks are the operating system's, so that a crash leaves none behind;
+//! whoever can have none, in a directory that somebody else made, goes on without: renaming is atomic.
 //! Conversions run on threads of their own: a thread of rayon's that waited for one might otherwise
 //! be handed the very job that it waits for.
 //!
-//! Invariant: what a name says a file was made of, it was made of. Never deletes a converted file
-//! that is whole; to make room, a person deletes the directory.
+//! Invariant: what a name says a file was made of, it was made of. Never follows a symbolic link in the
+//! directory, which others may write to; never deletes a converted file that is whole: to make room, a
+//! person deletes the directory.
 
 use super::convert::fingerprint::{self, Stamp, VERSION, encoding_text};
-use super::convert::{self, Compression, Container, Failure, Settings, WrapMode};
+use super::convert::{self, Compression, Container, Failure, Settings, Watch, WrapMode};
+use super::open::open_entry;
 use crate::error::{Error, Result};
-use crate::replace::try_replace_file;
+use crate::replace::{replace_entry_unsynced, try_replace_entry};
 use crate::scene::Encoding;
-use rayon::ThreadPool;
+use rustix::fs::OFlags;
 use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufReader, Write};
+use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
+use std::io::{self, BufReader, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::time::{Duration, SystemTime};
 use tiff::decoder::Decoder;
 use tiff::tags::Tag;
@@ -30,6 +33,10 @@ const LEFTOVER_AGE: Duration = Duration::from_secs(24 * 3600);
 /// A file that changed within this time may change again without a new time stamp: clocks of file
 /// systems are as coarse as two seconds (FAT).
 const UNSETTLED: Duration = Duration::from_secs(3);
+/// How often somebody who waits for a lock looks whether to give up.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// No entry of the index is longer.
+const INDEX_BYTES: u64 = 1 << 10;
 
 /// `$XDG_CACHE_HOME/weir`, otherwise `~/.cache/weir`.
 ///
@@ -58,23 +65,25 @@ pub struct Converted {
 }
 
 /// The tiled TIFF of `source` in `dir`, made if it is not there. `encoding` is how integers are read.
-/// `progress(done, total)` counts rows of a conversion, from any thread. May be called from any thread, also
-/// several times at once; each conversion uses all cores.
+/// `watch` counts rows of a conversion. May be called from any thread, also several times at once; each
+/// conversion has `threads` of its own, 0: as many as there are processors.
 ///
 /// # Errors
 /// [`Error::Input`] or [`Error::Io`] when the source cannot be read; [`Error::Resource`] naming
-/// `--cache-dir` when the directory cannot take the file.
+/// `--cache-dir` when the directory cannot take the file; [`Error::Interrupted`] when `watch` gave up.
 pub fn converted(
     dir: &Path,
     source: &Path,
     encoding: Encoding,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    threads: usize,
+    watch: Watch<'_>,
 ) -> Result<Converted> {
+    watch.check()?;
     let stamp = Stamp::of(source)?;
     let index = dir.join("index").join(index_name(source));
     let hash = match remembered(&index, &stamp) {
         Some(hash) => hash,
-        None => fingerprint::of_file(source)?,
+        None => fingerprint::of_file_watched(source, watch)?,
     };
     let path = dir.join(format!("{hash}-{}-v{VERSION}.tx", encoding_text(encoding)));
     let existing = look(&path, &hash, encoding);
@@ -83,17 +92,19 @@ pub fn converted(
         return Ok(Converted { path, made: false, remade: false, replaced: 0 });
     }
     let cannot = |e: io::Error| {
-        Error::Resource(format!(
-            "{}: cannot keep the converted texture {}: {e}; make room there or name another directory with --cache-dir",
-            dir.display(),
-            source.display()
-        ))
+        let (dir, source) = (dir.display(), source.display());
+        let (what, help) = match e.kind() {
+            io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => ("not writable: ", ""),
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => ("", "make room there or "),
+            _ => ("", ""),
+        };
+        let help = format!("{help}name another directory with --cache-dir");
+        Error::Resource(format!("{dir}: {what}cannot keep the converted texture {source}: {e}; {help}"))
     };
-    fs::create_dir_all(dir.join("locks")).map_err(cannot)?;
+    DirBuilder::new().recursive(true).mode(0o700).create(dir).map_err(cannot)?;
     // A bounded number of lock files, which are never deleted: one that is deleted while another
     // process opens it would lock nothing.
-    let lock = dir.join("locks").join(&hash[..2]);
-    let lock = OpenOptions::new().create(true).append(true).open(lock).map_err(cannot)?;
+    let lock = open_lock(&dir.join("locks"), &hash[..2]).ok();
     let settings = Settings {
         container: Container::Tiff,
         // A miss then costs one read and no inflating.
@@ -101,12 +112,11 @@ pub fn converted(
         wrap: WrapMode::Periodic,
         encoding: Some(encoding),
     };
-    let pool = pool()?;
     let work = || -> std::result::Result<Converted, Failure> {
-        match lock.lock() {
-            // Without locks two may make the same file; whoever is last replaces it whole by its like.
-            Err(e) if e.kind() == io::ErrorKind::Unsupported => {}
-            locked => locked?,
+        // Without locks two may make the same file; whoever is last replaces it whole by its like.
+        while let Some(Err(TryLockError::WouldBlock)) = lock.as_ref().map(File::try_lock) {
+            watch.check()?;
+            std::thread::sleep(PATIENCE);
         }
         // Whoever had the lock before may have made it.
         let existing = look(&path, &hash, encoding);
@@ -114,13 +124,19 @@ pub fn converted(
             return Ok(Converted { path: path.clone(), made: false, remade: false, replaced: 0 });
         }
         remove_leftovers(dir);
-        let summary = try_replace_file(&path, |out| {
-            let summary = pool.install(|| convert::convert(source, &settings, &hash, out, progress))?;
-            if Stamp::of(source)? != stamp {
-                let message = "the file changed while it was converted; try again when it is at rest";
-                return Err(Failure::Source(Error::file(source, message)));
-            }
-            Ok(summary)
+        let index = dir.join("index");
+        if fs::symlink_metadata(&index).is_ok_and(|m| m.is_dir()) {
+            remove_leftovers(&index);
+        }
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|i| format!("convert-{i}"))
+            .build()
+            .map_err(|e| Error::Resource(format!("no threads to convert textures: {e}")))?;
+        let summary = try_replace_entry(&path, |out| {
+            let summary = pool.install(|| convert::convert(source, &settings, &hash, out, watch))?;
+            stamp.check(source)?;
+            Ok::<_, Failure>(summary)
         })?;
         let remade = existing == Look::Other;
         Ok(Converted { path: path.clone(), made: true, remade, replaced: summary.replaced })
@@ -137,17 +153,26 @@ pub fn converted(
     Ok(done)
 }
 
-/// Threads for conversions alone.
-fn pool() -> Result<&'static ThreadPool> {
-    static POOL: OnceLock<ThreadPool> = OnceLock::new();
-    if let Some(pool) = POOL.get() {
-        return Ok(pool);
+/// A directory of the cache's own, made if it is not there.
+fn own_directory(path: &Path) -> io::Result<()> {
+    match DirBuilder::new().mode(0o700).create(path) {
+        Err(e) if e.kind() != io::ErrorKind::AlreadyExists => return Err(e),
+        _ => {}
     }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .thread_name(|i| format!("convert-{i}"))
-        .build()
-        .map_err(|e| Error::Resource(format!("no threads to convert textures: {e}")))?;
-    Ok(POOL.get_or_init(|| pool))
+    // A link may lead anywhere.
+    if fs::symlink_metadata(path)?.is_dir() { Ok(()) } else { Err(io::ErrorKind::NotADirectory.into()) }
+}
+
+/// Somebody else's lock may be readable and no more, which is enough to lock it.
+fn open_lock(locks: &Path, name: &str) -> io::Result<File> {
+    own_directory(locks)?;
+    let path = locks.join(name);
+    match open_entry(&path) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+        opened => return opened,
+    }
+    let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32;
+    OpenOptions::new().create(true).append(true).mode(0o600).custom_flags(flags).open(path)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,7 +185,7 @@ enum Look {
 
 /// Whether `path` is what `converted` would make: its own text says so, and how long it is.
 fn look(path: &Path, hash: &str, encoding: Encoding) -> Look {
-    let Ok(file) = File::open(path) else {
+    let Ok(file) = open_entry(path) else {
         return if fs::symlink_metadata(path).is_ok() { Look::Other } else { Look::Absent };
     };
     let Ok(meta) = file.metadata() else { return Look::Other };
@@ -190,22 +215,29 @@ fn index_name(source: &Path) -> OsString {
 /// length, a network file system that reports times late, and a write to the disk behind the file
 /// system's back.
 fn remembered(index: &Path, stamp: &Stamp) -> Option<String> {
-    let text = fs::read_to_string(index).ok()?;
+    let text = index_text(index)?;
     let (known, hash) = text.trim_end().split_once(' ')?;
     let sound = hash.len() == 32 && hash.bytes().all(|b| b.is_ascii_hexdigit());
     (sound && known == stamp.text()?).then(|| hash.to_owned())
+}
+
+fn index_text(index: &Path) -> Option<String> {
+    let mut text = String::new();
+    open_entry(index).ok()?.take(INDEX_BYTES).read_to_string(&mut text).ok()?;
+    Some(text)
 }
 
 /// Failing to remember costs time only.
 fn remember(index: &Path, stamp: &Stamp, hash: &str) {
     let Some(text) = stamp.text().filter(|_| stamp.settled(UNSETTLED)) else { return };
     let line = format!("{text} {hash}\n");
-    if fs::read_to_string(index).is_ok_and(|old| old == line) {
+    if index_text(index).is_some_and(|old| old == line) {
         return;
     }
-    let Some(parent) = index.parent() else { return };
-    let _ = fs::create_dir_all(parent);
-    let _ = try_replace_file(index, |out| out.write_all(line.as_bytes()));
+    if index.parent().is_some_and(|parent| own_directory(parent).is_ok()) {
+        // On the disk whenever it gets there: what is torn is not believed.
+        let _ = replace_entry_unsynced(index, |out| out.write_all(line.as_bytes()));
+    }
 }
 
 /// Removes what crashed conversions left. Whoever writes one now has touched it within the day.

@@ -7,6 +7,7 @@
 //! transfer curve.
 
 use super::encoding;
+use super::open::open_regular;
 use super::{contain, convert, exr_in, pfm};
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
@@ -105,7 +106,7 @@ pub(super) fn check_size(path: &Path, width: u32, height: u32, pixel_bytes: usiz
 /// As [`read_image`], for what the header shows.
 pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
     let io = |e| Error::io(path, e);
-    let mut file = File::open(path).map_err(io)?;
+    let mut file = open_regular(path)?;
     let meta = file.metadata().map_err(io)?;
     let mut magic = Vec::with_capacity(4);
     file.by_ref().take(4).read_to_end(&mut magic).map_err(io)?;
@@ -142,11 +143,8 @@ pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
 /// supported, or larger than [`MAX_DECODED_BYTES`].
 pub fn read_image(path: &Path) -> Result<ImageData> {
     let io = |e| Error::io(path, e);
-    let mut file = File::open(path).map_err(io)?;
+    let mut file = open_regular(path)?;
     let meta = file.metadata().map_err(io)?;
-    if !meta.is_file() {
-        return Err(Error::file(path, "not a regular file; an image is needed"));
-    }
     let mut magic = Vec::with_capacity(4);
     file.by_ref().take(4).read_to_end(&mut magic).map_err(io)?;
     file.rewind().map_err(io)?;

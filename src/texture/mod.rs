@@ -12,6 +12,7 @@ mod eval;
 mod exr_in;
 mod filter;
 mod image_io;
+mod open;
 mod pfm;
 mod pyramid;
 mod rules;

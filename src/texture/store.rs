@@ -13,6 +13,7 @@ mod copies;
 
 use super::attached::{self, Attached};
 use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
+use super::convert::Watch;
 use super::filter::{self, Footprint, Sampler};
 use super::image_io::{ImageData, Pixels, decoded_bytes, read_image};
 use super::pyramid;
@@ -120,12 +121,12 @@ enum Found {
 
 impl TextureStore {
     /// Loads the images that are used, in parallel. `sources` and `needs` are parallel tables.
-    /// `progress` is told of tiled copies that are made: bytes done, of how many.
+    /// `watch` is told of tiled copies that are made: bytes done, of how many.
     ///
     /// # Errors
     /// The first image, in the order of `sources`, that cannot be read: an input error at the place
     /// that asked for it. [`Error::Resource`] when memory or the disk for tiled copies runs out;
-    /// [`Error::Usage`] for a budget that holds no two tiles a thread.
+    /// [`Error::Usage`] for a budget that holds no two tiles a thread; [`Error::Interrupted`].
     ///
     /// # Panics
     /// If the tables differ in length.
@@ -133,7 +134,7 @@ impl TextureStore {
         sources: &[ImageSource],
         needs: &[ImageNeeds],
         options: &TextureOptions,
-        progress: &(dyn Fn(u64, u64) + Sync),
+        watch: Watch<'_>,
     ) -> Result<Self> {
         assert_eq!(sources.len(), needs.len(), "one need per image");
         let files = Arc::new(FilePool::new(open_file_limit(), options.caching));
@@ -148,7 +149,7 @@ impl TextureStore {
         let fits = whole.saturating_add(room) <= options.budget;
         let copies: Vec<bool> =
             found.iter().map(|f| !fits && matches!(f, Found::Plain { may_tile: true, .. })).collect();
-        let (found, notes) = copies::convert(found, &copies, sources, &files, options, progress)?;
+        let (found, notes) = copies::convert(found, &copies, sources, &files, options, watch)?;
 
         let mut tiled: Vec<Box<dyn TileSource>> = Vec::new();
         let mut names = Vec::new();

@@ -10,6 +10,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 use weir::scene::Encoding;
 use weir::texture::cache_dir::converted;
+use weir::texture::convert::Watch;
 use weir::texture::read_image;
 
 fn weir(at: &Path, line: &str) -> Command {
@@ -233,7 +234,8 @@ fn processes_that_want_the_same_file_make_it_once() {
             for _ in 0..3 {
                 scope.spawn(|| {
                     let at = Path::new(&at);
-                    let done = converted(&at.join("cache"), &at.join("a.png"), Encoding::Srgb, &|_, _| {});
+                    let done =
+                        converted(&at.join("cache"), &at.join("a.png"), Encoding::Srgb, 0, Watch::nobody());
                     let done = done.unwrap_or_else(|e| panic!("{e}"));
                     println!("made={} {}", done.made, done.path.display());
                 });
@@ -275,7 +277,7 @@ fn a_crashed_holder_of_a_lock_keeps_nobody_out() {
     let d = tempfile::tempdir().expect("a temporary directory");
     png(d.path(), "a.png", (30, 20));
     let cache = d.path().join("cache");
-    let done = converted(&cache, &d.path().join("a.png"), Encoding::Srgb, &|_, _| {}).expect("made");
+    let done = converted(&cache, &d.path().join("a.png"), Encoding::Srgb, 0, Watch::nobody()).expect("made");
     fs::remove_file(&done.path).expect("ours");
     // Lock files stay; what locked them does not.
     let locks = names(&cache.join("locks"));
@@ -284,8 +286,9 @@ fn a_crashed_holder_of_a_lock_keeps_nobody_out() {
     held.lock().expect("free");
     let start = Instant::now();
     let waiting = std::thread::scope(|scope| {
-        let thread = scope
-            .spawn(|| converted(&cache, &d.path().join("a.png"), Encoding::Srgb, &|_, _| {}).expect("made"));
+        let thread = scope.spawn(|| {
+            converted(&cache, &d.path().join("a.png"), Encoding::Srgb, 0, Watch::nobody()).expect("made")
+        });
         std::thread::sleep(Duration::from_millis(200));
         assert!(!thread.is_finished(), "the lock does not lock");
         // As the system does when a process ends.
@@ -301,7 +304,7 @@ fn a_full_or_read_only_cache_names_the_option_that_helps() {
     let d = tempfile::tempdir().expect("a temporary directory");
     png(d.path(), "a.png", (300, 200));
     // Nobody, not even root, makes a directory there.
-    let e = converted(Path::new("/proc/weir"), &d.path().join("a.png"), Encoding::Srgb, &|_, _| {})
+    let e = converted(Path::new("/proc/weir"), &d.path().join("a.png"), Encoding::Srgb, 0, Watch::nobody())
         .expect_err("must fail");
     let message = e.to_string();
     assert!(message.contains("--cache-dir") && message.contains("/proc/weir"), "{message}");

@@ -13,7 +13,7 @@ use weir::render::Outcome;
 use weir::scene::{Encoding, SceneDescription};
 use weir::settings::{RenderSettings, TextureFilter};
 use weir::stats::{CacheRow, CacheStats};
-use weir::texture::convert::{Compression, Container, Settings, WrapMode, convert};
+use weir::texture::convert::{Compression, Container, Settings, Watch, WrapMode, convert};
 
 const FILTERS: [TextureFilter; 5] = [
     TextureFilter::Point,
@@ -55,7 +55,7 @@ pub(crate) fn tile(from: &Path, to: &Path, compression: Compression) {
     let settings =
         Settings { container, compression, wrap: WrapMode::Periodic, encoding: Some(Encoding::Srgb) };
     let mut out = File::create(to).expect("writable");
-    convert(from, &settings, "", &mut out, &|_, _| {}).unwrap_or_else(|e| panic!("{e:?}"));
+    convert(from, &settings, "", &mut out, Watch::nobody()).unwrap_or_else(|e| panic!("{e:?}"));
 }
 
 /// Odd sizes, and sizes below a tile's; each as a plain image and as a tiled file.

@@ -19,10 +19,8 @@ fn names(directory: &Path) -> Vec<String> {
     names
 }
 
-const QUIET: &(dyn Fn(u64, u64) + Sync) = &|_, _| {};
-
 fn convert(dir: &Path, source: &Path) -> Converted {
-    converted(dir, source, Encoding::Srgb, QUIET).unwrap_or_else(|e| panic!("{e}"))
+    converted(dir, source, Encoding::Srgb, 0, Watch::nobody()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 #[test]
@@ -34,9 +32,9 @@ fn a_file_is_made_once_and_again_when_it_is_damaged() {
     let bytes = fs::read(&first.path).expect("there");
     assert_eq!(convert(&dir, &source), Converted { made: false, ..first.clone() });
     // Another encoding, another file, though a float image has the same texels under both.
-    let linear = converted(&dir, &source, Encoding::Linear, QUIET).expect("made");
+    let linear = converted(&dir, &source, Encoding::Linear, 0, Watch::nobody()).expect("made");
     assert!(linear.made && linear.path != first.path);
-    assert!(!converted(&dir, &source, Encoding::Linear, QUIET).expect("there").made);
+    assert!(!converted(&dir, &source, Encoding::Linear, 0, Watch::nobody()).expect("there").made);
     // The two and the locks; no index entry yet, since the source is new.
     assert_eq!(names(&dir).len(), 3, "{:?}", names(&dir));
     for damage in [&bytes[..bytes.len() - 1], &bytes[..5000], &bytes[..0], b"something else"] {
@@ -100,7 +98,7 @@ fn what_cannot_be_read_or_kept_is_one_line_and_leaves_nothing() {
     let directory = tempfile::tempdir().expect("a temporary directory");
     let dir = directory.path().join("cache");
     let line = |dir: &Path, source: &Path| {
-        let e = converted(dir, source, Encoding::Srgb, QUIET).expect_err("must fail");
+        let e = converted(dir, source, Encoding::Srgb, 0, Watch::nobody()).expect_err("must fail");
         let text = e.to_string();
         assert!(!text.contains('\n'), "{text}");
         (e.exit_code(), text)

@@ -5,9 +5,10 @@
 //! Invariant: the text is `weir:` keys without blanks in their values, so that it can be split at
 //! blanks. Never reads more than a megabyte at a time.
 
+use super::Watch;
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
-use std::fs::File;
+use crate::texture::open::open_regular;
 use std::io::Read;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
@@ -22,14 +23,17 @@ const CHUNK_BYTES: usize = 1 << 20;
 /// # Errors
 /// [`Error::Io`] when it cannot be read; [`Error::Input`] when it is no regular file.
 pub fn of_file(path: &Path) -> Result<String> {
+    of_file_watched(path, Watch::nobody())
+}
+
+/// [`of_file`] that can be given up; counts nothing.
+pub(crate) fn of_file_watched(path: &Path, watch: Watch<'_>) -> Result<String> {
     let io = |e| Error::io(path, e);
-    let mut file = File::open(path).map_err(io)?;
-    if !file.metadata().map_err(io)?.is_file() {
-        return Err(Error::file(path, "not a regular file; an image is needed"));
-    }
+    let mut file = open_regular(path)?;
     let mut hash = Xxh3::new();
     let mut chunk = vec![0; CHUNK_BYTES];
     loop {
+        watch.check()?;
         match file.read(&mut chunk) {
             Ok(0) => return Ok(format!("{:032x}", hash.digest128())),
             Ok(n) => hash.update(&chunk[..n]),
@@ -41,7 +45,7 @@ pub fn of_file(path: &Path) -> Result<String> {
 
 /// What changes when a file does: enough to notice a change by honest means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Stamp {
+pub struct Stamp {
     bytes: u64,
     modified: Option<SystemTime>,
     /// Device, inode, and seconds and nanoseconds of the last change of either; 0 elsewhere than Unix.
@@ -49,7 +53,11 @@ pub(crate) struct Stamp {
 }
 
 impl Stamp {
-    pub(crate) fn of(path: &Path) -> Result<Self> {
+    /// Of the file `path` now.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when there is none.
+    pub fn of(path: &Path) -> Result<Self> {
         let meta = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
         #[cfg(unix)]
         let node = {
@@ -59,6 +67,17 @@ impl Stamp {
         #[cfg(not(unix))]
         let node = [0; 4];
         Ok(Self { bytes: meta.len(), modified: meta.modified().ok(), node })
+    }
+
+    /// Whether the file `path` still has this stamp.
+    ///
+    /// # Errors
+    /// [`Error::Input`] when it has changed, [`Error::Io`] when it is gone.
+    pub fn check(&self, path: &Path) -> Result<()> {
+        if Self::of(path)? == *self {
+            return Ok(());
+        }
+        Err(Error::file(path, "the file changed while it was read; try again when it is at rest"))
     }
 
     /// As one word; `None` where the system does not say enough to know the file again.

@@ -95,6 +95,7 @@ impl<W: Write + Seek> Build for Rows<'_, W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::texture::convert::Watch;
     use std::io::Cursor;
 
     #[test]
@@ -121,7 +122,7 @@ mod tests {
             encoding: Some(Encoding::Srgb),
         };
         let mut converted = Cursor::new(Vec::new());
-        super::super::convert(&png, &settings, "name", &mut converted, &|_, _| ())
+        super::super::convert(&png, &settings, "name", &mut converted, Watch::nobody())
             .map_err(|_| ())
             .expect("read");
         assert!(made.into_inner() == converted.into_inner(), "the files differ");

@@ -24,6 +24,7 @@ use source::Source;
 pub(super) use source::read_float_tiff;
 use std::io::{self, Seek, Write};
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use stream::Pyramid;
 
 /// Texels along a tile's side.
@@ -109,10 +110,36 @@ pub struct Summary {
     pub whole: bool,
 }
 
+/// How a caller watches and stops a conversion.
+#[derive(Clone, Copy)]
+pub struct Watch<'a> {
+    /// Set to give up: nothing is left then.
+    pub cancel: &'a AtomicBool,
+    /// Told of what is done, of how much, from any thread.
+    pub progress: &'a (dyn Fn(u64, u64) + Sync),
+}
+
+impl Watch<'static> {
+    /// Nobody watches.
+    #[must_use]
+    pub fn nobody() -> Self {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        Self { cancel: &NEVER, progress: &|_, _| {} }
+    }
+}
+
+impl Watch<'_> {
+    /// # Errors
+    /// [`Error::Interrupted`] once it is to be given up.
+    pub(super) fn check(&self) -> crate::error::Result<()> {
+        if self.cancel.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+}
+
 /// Whose fault a failure is.
 #[derive(Debug)]
 pub enum Failure {
-    /// The source's; or it changed while it was read.
+    /// The source's; or it changed while it was read; or nobody's, when a person gave up.
     Source(Error),
     /// The destination's.
     Write(io::Error),
@@ -180,17 +207,19 @@ trait TileSink {
 }
 
 /// Writes `path` as a tiled, mip-mapped file to `out`, which stands at its beginning.
-/// `fingerprint` is recorded as the source's. `progress(done, total)` counts rows, from any thread.
+/// `fingerprint` is recorded as the source's. `watch` counts rows.
 ///
 /// # Errors
-/// [`Failure::Source`] when the image cannot be read, [`Failure::Write`] when `out` cannot take it.
+/// [`Failure::Source`] when the image cannot be read, or with [`Error::Interrupted`] when `watch` gives up;
+/// [`Failure::Write`] when `out` cannot take it.
 pub fn convert<W: Write + Seek>(
     path: &Path,
     settings: &Settings,
     fingerprint: &str,
     out: &mut W,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    watch: Watch<'_>,
 ) -> Result<Summary, Failure> {
+    watch.check()?;
     let source = Source::open(path)?;
     let shape = source.shape();
     let look = (shape.channels.is_multiple_of(2) || shape.depth == Depth::F32) as u64;
@@ -198,14 +227,14 @@ pub fn convert<W: Write + Seek>(
     let mut done = 0;
     let mut count = |pixels: &Pixels| {
         done += (len(pixels) / (shape.width as usize * shape.channels as usize)) as u64;
-        progress(done, total);
+        (watch.progress)(done, total);
+        watch.check()
     };
     let mut facts = Facts::NONE;
     if look > 0 {
         source.read(&mut |pixels| {
             facts = facts.and(Facts::of(pixels, shape.channels));
-            count(pixels);
-            Ok::<(), Failure>(())
+            Ok(count(pixels)?)
         })?;
     }
     let float = matches!(shape.depth, Depth::F16 | Depth::F32);
@@ -235,7 +264,7 @@ struct Writing<'a, W> {
     settings: &'a Settings,
     fingerprint: &'a str,
     out: &'a mut W,
-    count: &'a mut dyn FnMut(&Pixels),
+    count: &'a mut dyn FnMut(&Pixels) -> crate::error::Result<()>,
 }
 
 impl<W: Write + Seek> Build for Writing<'_, W> {
@@ -276,8 +305,7 @@ impl<W: Write + Seek> Build for Writing<'_, W> {
             source.read(&mut |pixels| {
                 replaced += non_finite(pixels, shape.channels);
                 pyramid.push(S::of(pixels), shape.channels as usize, &convert)?;
-                count(pixels);
-                Ok::<(), Failure>(())
+                Ok(count(pixels)?)
             })?;
             if pyramid.complete() { Ok(()) } else { Err(source.short().into()) }
         };

@@ -17,9 +17,9 @@ use super::fingerprint::Stamp;
 use crate::error::{Error, Result};
 use crate::texture::contain;
 use crate::texture::image_io::{ImageData, MAX_SIDE, Pixels, check_size, read_image};
+use crate::texture::open::open_regular;
 use crate::texture::rules::Depth;
 use half::f16;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -155,11 +155,7 @@ impl Source {
     }
 
     fn unchanged(&self) -> std::result::Result<(), Failure> {
-        if Stamp::of(&self.path)? == self.stamp {
-            return Ok(());
-        }
-        Err(Error::file(&self.path, "the file changed while it was read; try again when it is at rest")
-            .into())
+        Ok(self.stamp.check(&self.path)?)
     }
 
     /// For a decoder that ended before the image did.
@@ -170,7 +166,7 @@ impl Source {
 
 /// A TIFF of halves, or of grey floats, which `image` does not read; `None` for any other.
 pub(in crate::texture) fn read_float_tiff(path: &Path) -> Result<Option<ImageData>> {
-    let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    let file = open_regular(path)?;
     let Some((shape, decode)) = tiff::open(path, BufReader::with_capacity(1 << 16, file))? else {
         return Ok(None);
     };
@@ -211,7 +207,7 @@ fn check_sides(path: &Path, width: u32, height: u32) -> Result<()> {
 /// `None`: a format, or a variety of one, that is read whole.
 fn open_parts(path: &Path) -> Result<Option<(Shape, Form)>> {
     let io = |e| Error::io(path, e);
-    let mut file = File::open(path).map_err(io)?;
+    let mut file = open_regular(path)?;
     let file_bytes = file.metadata().map_err(io)?.len();
     let mut magic = Vec::with_capacity(10);
     file.by_ref().take(10).read_to_end(&mut magic).map_err(io)?;

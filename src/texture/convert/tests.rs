@@ -32,7 +32,7 @@ fn settings(container: Container, compression: Compression, encoding: Option<Enc
 
 fn converted(path: &Path, settings: &Settings) -> (Summary, Vec<u8>) {
     let mut out = Cursor::new(Vec::new());
-    let summary = convert(path, settings, "00ff", &mut out, &|_, _| {}).expect("a sound image");
+    let summary = convert(path, settings, "00ff", &mut out, Watch::nobody()).expect("a sound image");
     assert_eq!(summary.bytes, out.get_ref().len() as u64);
     (summary, out.into_inner())
 }

@@ -6,20 +6,21 @@ use super::{Found, TextureOptions};
 use crate::error::{Error, Result};
 use crate::scene::ImageSource;
 use crate::texture::cache_dir::{self, Converted};
+use crate::texture::convert::Watch;
 use crate::texture::tiled::{FilePool, TiledFile};
 use crate::texture::tiles::TiledImage;
 use std::path::Path;
 use std::sync::Arc;
 
 /// Puts tiled copies in the place of the images in `copies`, making those that are not there. Each
-/// conversion uses all cores.
+/// conversion uses all of the render's threads.
 pub(super) fn convert(
     mut found: Vec<Found>,
     copies: &[bool],
     sources: &[ImageSource],
     files: &Arc<FilePool>,
     options: &TextureOptions,
-    progress: &(dyn Fn(u64, u64) + Sync),
+    watch: Watch<'_>,
 ) -> Result<(Vec<Found>, Vec<String>)> {
     if !copies.contains(&true) {
         return Ok((found, Vec::new()));
@@ -32,13 +33,15 @@ pub(super) fn convert(
     for ((found, source), _) in found.iter_mut().zip(sources).zip(copies).filter(|(_, copy)| **copy) {
         let own = bytes(found);
         let report = |rows: u64, of: u64| {
-            progress(before + (own as f64 * rows as f64 / of.max(1) as f64) as u64, total);
+            (watch.progress)(before + (own as f64 * rows as f64 / of.max(1) as f64) as u64, total);
         };
         let place = |e| match e {
-            Error::Resource(_) => e,
+            Error::Resource(_) | Error::Interrupted => e,
             e => Error::at(&source.at, format!("image {e}")),
         };
-        let copy = cache_dir::converted(&dir, &source.path, source.encoding, &report).map_err(place)?;
+        let watch = Watch { progress: &report, ..watch };
+        let copy = cache_dir::converted(&dir, &source.path, source.encoding, options.threads, watch);
+        let copy = copy.map_err(place)?;
         before += own;
         notes.extend(notes_on(&copy, &source.path));
         *found = Found::Tiled(match TiledFile::open(&copy.path, source.encoding, files) {

@@ -250,7 +250,7 @@ fn an_unused_image_is_not_opened_and_a_missing_one_names_its_place() {
     let at = Location { line: 7, column: 3, ..Location::whole("scene.pbrt") };
     let source = ImageSource { path: "nowhere.png".into(), encoding: Encoding::Srgb, at };
     let load = |sources: &[ImageSource], needs: &[ImageNeeds]| {
-        TextureStore::load(sources, needs, &TextureOptions::default(), &|_, _| ())
+        TextureStore::load(sources, needs, &TextureOptions::default(), Watch::nobody())
     };
     let need = |used| [ImageNeeds { used, ..ImageNeeds::default() }];
     assert!(load(std::slice::from_ref(&source), &need(false)).is_ok());

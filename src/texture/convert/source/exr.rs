@@ -7,6 +7,7 @@ use crate::texture::contain;
 use crate::texture::convert::Failure;
 use crate::texture::exr_in::{Target, check_blocks, choose, sample};
 use crate::texture::image_io::{MAX_SIDE, Pixels, one_line};
+use crate::texture::open::open_regular;
 use crate::texture::rules::Depth;
 use exr::block::UncompressedBlock;
 use exr::block::chunk::Chunk;
@@ -111,7 +112,7 @@ impl Plan {
         let rows = self.block[1] as i64;
         // Enough blocks for all threads, in no more than a band's bytes.
         let group = (BAND_BYTES / (row_bytes * rows as usize)).clamp(1, 64) as i64;
-        let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
+        let mut file = BufReader::with_capacity(1 << 16, open_regular(path)?);
         // The part of the display window that the data window covers, and what is black around it.
         let top = self.shift[1].clamp(0, height);
         let bottom = (self.shift[1] + data_height).clamp(top, height);

@@ -4,6 +4,7 @@
 use super::{Decode, Give, Shape, check_sides, cut_short};
 use crate::error::{Error, Result};
 use crate::texture::image_io::{Pixels, one_line};
+use crate::texture::open::open_regular;
 use crate::texture::rules::Depth;
 use image::codecs::hdr::HdrDecoder;
 use std::fs::File;
@@ -22,7 +23,7 @@ pub(super) fn open(file: BufReader<File>) -> Option<(Shape, Box<dyn Decode>)> {
 
 impl Decode for ScanLines {
     fn decode(&self, path: &Path, shape: &Shape, give: Give<'_>) -> Result<()> {
-        let file = File::open(path).map_err(|e| Error::io(path, e))?;
+        let file = open_regular(path)?;
         let mut file = BufReader::with_capacity(1 << 18, file);
         // Leaves the file where the pixels begin.
         let header = HdrDecoder::new(&mut file);

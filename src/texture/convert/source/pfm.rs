@@ -3,6 +3,7 @@
 use super::{Decode, Give, Shape, check_sides};
 use crate::error::{Error, Result};
 use crate::texture::image_io::Pixels;
+use crate::texture::open::open_regular;
 use crate::texture::pfm::{Header, header};
 use crate::texture::rules::Depth;
 use std::fs::File;
@@ -26,7 +27,7 @@ pub(super) fn open(path: &Path, file: BufReader<File>, file_bytes: u64) -> Resul
 impl Decode for Header {
     fn decode(&self, path: &Path, shape: &Shape, give: Give<'_>) -> Result<()> {
         let io = |e| Error::io(path, e);
-        let mut file = File::open(path).map_err(io)?;
+        let mut file = open_regular(path)?;
         let row_bytes = shape.row_numbers() * 4;
         let mut bytes = Vec::new();
         let mut left = shape.height;

@@ -4,6 +4,7 @@
 use super::{Decode, Give, Shape, append, check_sides, cut_short, empty};
 use crate::error::{Error, Result};
 use crate::texture::image_io::{MAX_DEFLATE_RATIO, one_line};
+use crate::texture::open::open_regular;
 use crate::texture::rules::Depth;
 use png::{BitDepth, ColorType, Decoder, DecodingError, Limits, Reader, Transformations};
 use std::fs::File;
@@ -65,7 +66,7 @@ fn bad(path: &Path, e: DecodingError) -> Error {
 
 impl Decode for Rows {
     fn decode(&self, path: &Path, shape: &Shape, give: Give<'_>) -> Result<()> {
-        let file = File::open(path).map_err(|e| Error::io(path, e))?;
+        let file = open_regular(path)?;
         let mut reader = reader(path, BufReader::with_capacity(1 << 18, file))?;
         let row_bytes = shape.row_numbers() * shape.depth.bytes();
         if reader.output_line_size(shape.width) != Some(row_bytes) {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::texture::convert::tests::noise;
-use std::fs;
+use std::fs::{self, File};
 
 fn rows(path: &Path) -> (bool, ImageData) {
     let source = Source::open(path).unwrap_or_else(|e| panic!("{e}"));

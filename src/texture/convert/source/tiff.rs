@@ -4,6 +4,7 @@
 use super::{Decode, Give, MOST_BAND_BYTES, Shape, black, check_sides, cut_short, empty};
 use crate::error::{Error, Result};
 use crate::texture::image_io::{Pixels, one_line};
+use crate::texture::open::open_regular;
 use crate::texture::rules::Depth;
 use std::fs::File;
 use std::io::BufReader;
@@ -81,7 +82,7 @@ fn shape(decoder: &mut Decoder<BufReader<File>>) -> Option<Shape> {
 
 impl Decode for Chunks {
     fn decode(&self, path: &Path, shape: &Shape, give: Give<'_>) -> Result<()> {
-        let file = File::open(path).map_err(|e| Error::io(path, e))?;
+        let file = open_regular(path)?;
         let mut decoder = decoder(path, BufReader::with_capacity(1 << 16, file))?;
         let across = shape.width.div_ceil(self.width);
         let n = shape.channels as usize;
