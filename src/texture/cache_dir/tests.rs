@@ -129,7 +129,11 @@ fn leftovers_of_a_day_ago_go_and_younger_ones_stay() {
         let file = File::create(dir.join(name)).expect("create");
         file.set_modified(time).expect("own file");
     }
+    fs::create_dir(dir.join("index")).expect("create");
+    let file = File::create(dir.join("index/.weir-1-0.part")).expect("create");
+    file.set_modified(day - hour).expect("own file");
     convert(&dir, &source(directory.path(), 0));
+    assert!(names(&dir.join("index")).is_empty(), "crashed there too");
     let left = names(&dir);
     assert!(!left.contains(&".weir-1-0.part".to_owned()), "{left:?}");
     assert!(left.contains(&".weir-1-1.part".to_owned()) && left.contains(&"mine.part".to_owned()));
@@ -156,4 +160,101 @@ fn a_hash_is_remembered_only_of_a_file_at_rest_and_forgotten_with_its_stamp() {
     let stamp = Stamp::of(&source).expect("there");
     assert_eq!(remembered(&index, &stamp), None);
     assert_eq!(remembered(&dir.join("index/none"), &stamp), None);
+}
+
+#[test]
+fn what_is_given_up_leaves_nothing_and_gives_up_soon() {
+    use std::sync::atomic::AtomicBool;
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let (dir, source) = (directory.path().join("cache"), source(directory.path(), 0));
+    let cancel = AtomicBool::new(false);
+    let told = AtomicU64::new(0);
+    let progress = |_, _| {
+        told.fetch_add(1, Ordering::Relaxed);
+        cancel.store(true, Ordering::Relaxed);
+    };
+    let watch = Watch { cancel: &cancel, progress: &progress };
+    let given_up = converted(&dir, &source, Encoding::Srgb, 0, watch).expect_err("given up");
+    assert!(matches!(given_up, Error::Interrupted) && given_up.exit_code() == 130);
+    assert_eq!(told.load(Ordering::Relaxed), 1, "one band of rows more at most");
+    assert_eq!(names(&dir), ["locks"]);
+    // Also by who waits for the lock.
+    cancel.store(false, Ordering::Relaxed);
+    let held = names(&dir.join("locks")).remove(0);
+    let held = File::open(dir.join("locks").join(held)).expect("there");
+    held.lock().expect("free");
+    std::thread::scope(|scope| {
+        let waiting = scope.spawn(|| converted(&dir, &source, Encoding::Srgb, 0, watch));
+        std::thread::sleep(Duration::from_millis(100));
+        assert!(!waiting.is_finished());
+        cancel.store(true, Ordering::Relaxed);
+        let start = std::time::Instant::now();
+        while !waiting.is_finished() && start.elapsed() < Duration::from_secs(20) {
+            std::thread::sleep(PATIENCE);
+        }
+        // Lets it end whatever it waits for, so that a failure is one and no hang.
+        drop(held);
+        let ended = waiting.join().expect("no panic");
+        assert!(matches!(ended, Err(Error::Interrupted)), "{ended:?}");
+    });
+}
+
+#[test]
+fn links_in_the_directory_lead_nowhere() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let (dir, source) = (directory.path().join("cache"), source(directory.path(), 0));
+    let first = convert(&dir, &source);
+    let mode = fs::metadata(&dir).expect("there").permissions().mode();
+    assert_eq!(mode & 0o777, 0o700);
+    let victim = directory.path().join("victim");
+    fs::write(&victim, b"precious").expect("write");
+    // In the place of the file, of its lock, and of the index.
+    fs::remove_file(&first.path).expect("ours");
+    symlink(&victim, &first.path).expect("link");
+    let lock = dir.join("locks").join(&names(&dir.join("locks"))[0]);
+    fs::remove_file(&lock).expect("ours");
+    symlink(directory.path().join("made by a lock"), &lock).expect("link");
+    let elsewhere = directory.path().join("elsewhere");
+    fs::create_dir(&elsewhere).expect("create");
+    symlink(&elsewhere, dir.join("index")).expect("link");
+    let old = SystemTime::now() - Duration::from_secs(3600);
+    File::options().append(true).open(&source).and_then(|f| f.set_modified(old)).expect("own file");
+    std::thread::sleep(UNSETTLED + Duration::from_millis(1100));
+    let again = convert(&dir, &source);
+    assert!(again.made && again.remade);
+    assert!(fs::symlink_metadata(&again.path).expect("there").is_file());
+    assert_eq!(fs::read(&victim).expect("there"), b"precious");
+    assert!(!directory.path().join("made by a lock").exists());
+    assert!(names(&elsewhere).is_empty(), "{:?}", names(&elsewhere));
+}
+
+#[test]
+fn without_a_lock_it_is_made_all_the_same_and_what_cannot_be_written_says_so() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let (dir, source) = (directory.path().join("cache"), source(directory.path(), 0));
+    fs::create_dir(&dir).expect("create");
+    // As little to be opened as another person's directory of locks, even for root.
+    fs::write(dir.join("locks"), b"").expect("write");
+    assert!(convert(&dir, &source).made);
+    let e = converted(Path::new("/sys/weir"), &source, Encoding::Srgb, 0, Watch::nobody());
+    let text = e.expect_err("nobody writes there").to_string();
+    assert!(text.contains("not writable") && text.contains("--cache-dir"), "{text}");
+    assert!(!text.contains("make room"), "{text}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_conversion_has_as_many_threads_as_it_is_told() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let source = source(directory.path(), 0);
+    for threads in [1, 5] {
+        let seen = AtomicU64::new(0);
+        // Runs on a thread of the conversion's pool.
+        let progress = |_, _| seen.store(rayon::current_num_threads() as u64, Ordering::Relaxed);
+        let watch = Watch { progress: &progress, ..Watch::nobody() };
+        let dir = directory.path().join(threads.to_string());
+        converted(&dir, &source, Encoding::Srgb, threads, watch).expect("made");
+        assert_eq!(seen.load(Ordering::Relaxed), threads as u64);
+    }
 }
