@@ -201,6 +201,7 @@ fn open(directory: &str, megabytes: f64, threads: usize, caching: Caching) -> Re
     let source = |path: std::path::PathBuf| ImageSource {
         at: Location::whole(&path),
         encoding: Encoding::Linear,
+        named: false,
         path,
     };
     let sources: Vec<ImageSource> = paths.into_iter().map(source).collect();

@@ -97,8 +97,7 @@ pub(super) fn render(
 
     let buffer = FilmBuffer::new(film.crop);
     // Only where tiles may have to go and come again does the order of work cost anything.
-    let reads_tiles =
-        textures.store().cache().is_some_and(|(cache, _)| cache.budget() < textures.store().all_bytes());
+    let reads_tiles = !textures.store().all_tiles_fit();
     let job = Job {
         world: &world,
         textures: textures.store(),

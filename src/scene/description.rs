@@ -363,6 +363,8 @@ pub struct ImageSource {
     pub path: PathBuf,
     /// Transfer curve.
     pub encoding: Encoding,
+    /// The scene itself names the curve: it wins over what the file says of its own numbers.
+    pub named: bool,
     /// Where it was asked for.
     pub at: Location,
 }

@@ -6,7 +6,7 @@
 //! pixel is decoded; a damaged header once asked for 85 GB. Never reads a part or level twice.
 
 use super::contain;
-use super::image_io::{ImageData, MAX_DECODED_BYTES, Pixels, check_size, one_line};
+use super::image_io::{ImageData, Kept, MAX_DECODED_BYTES, Pixels, check_size, one_line};
 use crate::error::{Error, Result};
 use exr::block::UncompressedBlock;
 use exr::block::reader::{ChunksReader, Reader};
@@ -24,16 +24,20 @@ const MAX_BLOCK_BYTES: u64 = 512 << 20;
 /// Chunks that are decompressed at a time, by all threads.
 const BATCH: usize = 32;
 
-/// Bytes that the texels will take at most, from the header alone; 0 for what [`read`] refuses.
-pub(super) fn decoded_bytes(path: &Path, file: File) -> Result<u64> {
+/// What the texels are at most, from the header alone; `None` for what [`read`] refuses.
+pub(super) fn kept(path: &Path, file: File) -> Result<Option<Kept>> {
     let bad = |e: exr::error::Error| Error::file(path, format!("EXR: {}", one_line(&e.to_string())));
     let reader = Reader::read_from_buffered(BufReader::with_capacity(1 << 16, file), false).map_err(bad)?;
     let texel = reader.headers().iter().find_map(|h| Some((h, color_channels(h)?)));
-    Ok(texel.map_or(0, |(h, slots)| {
+    Ok(texel.and_then(|(h, slots)| {
         let window = h.shared_attributes.display_window.size;
         let half = slots.iter().all(|&s| h.channels.list[s].sample_type == SampleType::F16);
-        let channels = if slots.len() == 1 { 1 } else { 4 };
-        (window.0 as u64).saturating_mul(window.1 as u64).saturating_mul(channels * if half { 2 } else { 4 })
+        Some(Kept {
+            width: u32::try_from(window.0).ok()?,
+            height: u32::try_from(window.1).ok()?,
+            grey: slots.len() == 1,
+            number: if half { 2 } else { 4 },
+        })
     }))
 }
 

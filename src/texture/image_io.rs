@@ -8,7 +8,8 @@
 
 use super::encoding;
 use super::open::open_regular;
-use super::{contain, convert, exr_in, pfm};
+use super::texels::Memory;
+use super::{contain, convert, exr_in, pfm, pyramid};
 use crate::error::{Error, Result};
 use crate::scene::Encoding;
 use half::f16;
@@ -100,20 +101,52 @@ pub(super) fn check_size(path: &Path, width: u32, height: u32, pixel_bytes: usiz
     Ok(())
 }
 
+/// What an image's texels are at most: in doubt the larger of two kinds.
+pub(super) struct Kept {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    /// One number a texel; else four.
+    pub(super) grey: bool,
+    /// Bytes of a number.
+    pub(super) number: u64,
+}
+
+impl Kept {
+    fn bytes(&self, mip_levels: bool) -> u64 {
+        if self.width.min(self.height) == 0 {
+            return 0;
+        }
+        let mut sizes = pyramid::sizes(self.width, self.height);
+        if !mip_levels {
+            sizes.truncate(1);
+        }
+        // Grey texels stand in blocks of 8×8 or less, others in 4×4.
+        let (block_log2, numbers) = if self.grey { (3, 1) } else { (2, 4) };
+        Memory::taken(&sizes, block_log2, numbers * self.number)
+    }
+}
+
 /// Bytes that the image's texels will take in memory, from its header alone; more rather than less.
+/// What decoders need while they run is not in it.
 ///
 /// # Errors
 /// As [`read_image`], for what the header shows.
 pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
     let io = |e| Error::io(path, e);
     let mut file = open_regular(path)?;
-    let meta = file.metadata().map_err(io)?;
     let mut magic = Vec::with_capacity(4);
     file.by_ref().take(4).read_to_end(&mut magic).map_err(io)?;
     file.rewind().map_err(io)?;
-    let base = contain::panics(|| match magic[..] {
-        [0x76, 0x2f, 0x31, 0x01] => exr_in::decoded_bytes(path, file),
-        [b'P', b'F' | b'f', b, ..] if b.is_ascii_whitespace() => Ok(meta.len() * 4 / 3),
+    let kept = contain::panics(|| match magic[..] {
+        [0x76, 0x2f, 0x31, 0x01] => exr_in::kept(path, file),
+        [b'P', b'F' | b'f', b, ..] if b.is_ascii_whitespace() => {
+            let mut head = Vec::new();
+            file.take(1 << 16).read_to_end(&mut head).map_err(io)?;
+            let kept =
+                |h: pfm::Header| Kept { width: h.width, height: h.height, grey: h.channels == 1, number: 4 };
+            Ok(pfm::header(path, &head).ok().map(kept))
+        }
+        [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => Ok(kept_tiff(file)),
         _ => {
             let mut reader = ImageReader::new(BufReader::new(file));
             if let Ok(format) = ImageFormat::from_path(path) {
@@ -121,19 +154,31 @@ pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
             }
             let reader = reader.with_guessed_format().map_err(io)?;
             // What is wrong with it is said by whoever reads it.
-            let Ok(decoder) = reader.into_decoder() else { return Ok(0) };
+            let Ok(decoder) = reader.into_decoder() else { return Ok(None) };
             let (width, height) = decoder.dimensions();
-            let texel = match decoder.color_type() {
-                ColorType::L8 => 1,
-                ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => 4,
-                ColorType::L16 => 2,
-                _ => 8,
+            let color = decoder.color_type();
+            let number = match color {
+                ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => 1,
+                ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => 2,
+                _ => 4,
             };
-            Ok(u64::from(width) * u64::from(height) * texel)
+            Ok(Some(Kept { width, height, grey: color.channel_count() == 1, number }))
         }
     });
-    let base = base.unwrap_or(Ok(0))?;
-    Ok(if mip_levels { base + base.div_ceil(3) } else { base })
+    Ok(kept.unwrap_or(Ok(None))?.map_or(0, |kept| kept.bytes(mip_levels)))
+}
+
+/// `image` refuses halves and grey floats, which [`read_image`] knows.
+fn kept_tiff(file: File) -> Option<Kept> {
+    let mut decoder = tiff::decoder::Decoder::new(BufReader::new(file)).ok()?;
+    let (width, height) = decoder.dimensions().ok()?;
+    let color = decoder.colortype().ok()?;
+    let number = match color.bit_depth() {
+        0..=8 => 1,
+        9..=16 => 2,
+        _ => 4,
+    };
+    Some(Kept { width, height, grey: matches!(color, tiff::ColorType::Gray(_)), number })
 }
 
 /// Reads the image in `path`.

@@ -10,22 +10,24 @@
 //! Never decides what is needed.
 
 mod copies;
+mod find;
 
 use super::attached::{self, Attached};
 use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
 use super::convert::Watch;
 use super::filter::{self, Footprint, Sampler};
-use super::image_io::{ImageData, Pixels, decoded_bytes, read_image};
+use super::image_io::{ImageData, Pixels, read_image};
 use super::pyramid;
 use super::rules::{Build, Facts, Kind, Rules, Sample};
 use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
-use super::tiled::{Caching, FilePool, TiledFile, open_file_limit};
+use super::tiled::{Caching, FilePool, open_file_limit};
 use super::tiles::{FileTiles, Probe, TiledImage};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::Vec2;
 use crate::prepare::ImageNeeds;
 use crate::scene::{Channels, Encoding, ImageId, ImageSource};
+use find::Found;
 use glam::Vec4;
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -73,7 +75,7 @@ enum Image {
 /// How much memory textures may take, and what stands in for the rest.
 #[derive(Clone, Debug)]
 pub struct TextureOptions {
-    /// Bytes of all texels in memory.
+    /// Bytes of all texels in memory. Environment maps are read elsewhere and do not count.
     pub budget: u64,
     /// Threads that look up at the same time, at most.
     pub threads: usize,
@@ -106,17 +108,8 @@ pub struct TextureStore {
     names: Vec<PathBuf>,
     /// What a person should know of tiled copies that were made.
     notes: Vec<String>,
-}
-
-/// What is known of an image before it is loaded.
-enum Found {
-    Unused,
-    Tiled(Box<TiledFile>),
-    /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
-    Plain {
-        bytes: u64,
-        may_tile: bool,
-    },
+    /// What all tiles of all files would take in the cache.
+    tiles: u64,
 }
 
 impl TextureStore {
@@ -126,7 +119,8 @@ impl TextureStore {
     /// # Errors
     /// The first image, in the order of `sources`, that cannot be read: an input error at the place
     /// that asked for it. [`Error::Resource`] when memory or the disk for tiled copies runs out;
-    /// [`Error::Usage`] for a budget that holds no two tiles a thread; [`Error::Interrupted`].
+    /// [`Error::Usage`] for a budget that does not hold the images that are needed whole and two tiles a
+    /// thread; [`Error::Interrupted`].
     ///
     /// # Panics
     /// If the tables differ in length.
@@ -138,18 +132,28 @@ impl TextureStore {
     ) -> Result<Self> {
         assert_eq!(sources.len(), needs.len(), "one need per image");
         let files = Arc::new(FilePool::new(open_file_limit(), options.caching));
-        let found: Vec<Result<Found>> =
-            sources.par_iter().zip(needs).map(|(source, need)| find(source, *need, &files)).collect();
-        let found: Vec<Found> = found.into_iter().collect::<Result<_>>()?;
-        let whole: u64 =
-            found.iter().map(|f| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 }).sum();
+        let found: Vec<Result<(Found, Option<String>)>> =
+            sources.par_iter().zip(needs).map(|(source, need)| find::find(source, *need, &files)).collect();
+        let (found, said): (Vec<Found>, Vec<Option<String>>) =
+            found.into_iter().collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        let whole = find::whole_bytes(&found);
         // Files that are tiled already need room beside them.
-        let tile = |f: &Found| if let Found::Tiled(file) = f { Some(file.tile_bytes()) } else { None };
-        let room = found.iter().filter_map(tile).max().map_or(0, |tile| least_budget(tile, options.threads));
-        let fits = whole.saturating_add(room) <= options.budget;
+        let tile = |f: &Found| if let Found::Tiled { file, .. } = f { Some(file.tile_bytes()) } else { None };
+        let room = |found: &[Found]| {
+            let largest = found.iter().filter_map(tile).max();
+            largest.map_or(0, |tile| least_budget(tile, options.threads))
+        };
+        let fits = whole.saturating_add(room(&found)) <= options.budget;
         let copies: Vec<bool> =
             found.iter().map(|f| !fits && matches!(f, Found::Plain { may_tile: true, .. })).collect();
-        let (found, notes) = copies::convert(found, &copies, sources, &files, options, watch)?;
+        let (found, made) = copies::convert(found, &copies, sources, &files, options, watch)?;
+        let notes = said.into_iter().flatten().chain(made).collect();
+        // Before any of them is decoded: a budget is kept while images load, too.
+        let whole = find::whole_bytes(&found);
+        let room = room(&found);
+        if options.budget < whole.saturating_add(room) {
+            return Err(find::too_small(options, whole, room));
+        }
 
         let mut tiled: Vec<Box<dyn TileSource>> = Vec::new();
         let mut names = Vec::new();
@@ -158,32 +162,30 @@ impl TextureStore {
         for (i, (found, source)) in found.into_iter().zip(sources).enumerate() {
             images.push(match found {
                 Found::Unused => None,
-                Found::Plain { .. } => {
-                    plain.push(i);
+                Found::Plain { encoding, .. } => {
+                    plain.push((i, encoding));
                     None
                 }
-                Found::Tiled(file) => {
+                Found::Tiled { file, opaque } => {
                     let index = u32::try_from(tiled.len()).expect("images are counted in u32");
-                    let image = TiledImage::new(index, &file, source.encoding);
+                    let image = TiledImage::new(index, &file, source.encoding, opaque);
                     tiled.push(Box::new(FileTiles::new(*file)));
                     names.push(source.path.clone());
                     Some(Image::Tiled(image))
                 }
             });
         }
-        let decoded: Vec<Result<Stored>> = plain.par_iter().map(|&i| decode(&sources[i], needs[i])).collect();
-        for (i, stored) in plain.into_iter().zip(decoded) {
+        let decode = |&(i, encoding): &(usize, Encoding)| decode(&sources[i], encoding, needs[i]);
+        let decoded: Vec<Result<Stored>> = plain.par_iter().map(decode).collect();
+        for ((i, _), stored) in plain.into_iter().zip(decoded) {
             images[i] = Some(Image::Whole(stored?));
         }
-        let mut store = Self { images, cache: None, names, notes };
+        let mut store = Self { images, cache: None, names, notes, tiles: 0 };
         if !tiled.is_empty() {
-            let whole = store.bytes();
-            let largest = tiled.iter().map(|t| t.tile_bytes()).max().unwrap_or(0);
-            let least = whole + least_budget(largest, options.threads);
-            if options.budget < least {
-                return Err(too_small(options, least, whole));
-            }
-            let budget = options.budget - whole;
+            // Twice a tile's cost is what one thread needs at least.
+            let cost = |t: &dyn TileSource| u64::from(t.tile_count()) * (least_budget(t.tile_bytes(), 1) / 2);
+            store.tiles = tiled.iter().map(|t| cost(&**t)).sum();
+            let budget = options.budget - store.bytes();
             let options = CacheOptions { budget, threads: options.threads, latency: options.latency };
             store.cache = Some(Box::new(TileCache::new(tiled, options)?));
         }
@@ -202,6 +204,7 @@ impl TextureStore {
             cache: None,
             names: Vec::new(),
             notes: Vec::new(),
+            tiles: 0,
         })
     }
 
@@ -283,6 +286,12 @@ impl TextureStore {
         self.images.iter().flatten().map(whole).sum::<u64>() + self.cache.as_ref().map_or(0, |c| c.peak())
     }
 
+    /// Whether no tile ever has to go to make room for another.
+    #[must_use]
+    pub fn all_tiles_fit(&self) -> bool {
+        self.cache.as_ref().is_none_or(|cache| self.tiles <= cache.budget())
+    }
+
     /// Bytes that the texels of all levels would take, were all of them in memory.
     #[must_use]
     pub fn all_bytes(&self) -> u64 {
@@ -294,39 +303,12 @@ impl TextureStore {
     }
 }
 
-fn find(source: &ImageSource, need: ImageNeeds, files: &Arc<FilePool>) -> Result<Found> {
-    let place = |e| match e {
-        Error::Resource(_) => e,
-        e => Error::at(&source.at, format!("image {e}")),
-    };
-    if !need.used {
-        return Ok(Found::Unused);
-    }
-    if !need.whole
-        && let Some(file) = TiledFile::open(&source.path, source.encoding, files).map_err(place)?
-        && TiledImage::is_complete(&file)
-    {
-        return Ok(Found::Tiled(Box::new(file)));
-    }
-    let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(place)?;
-    Ok(Found::Plain { bytes, may_tile: !need.whole })
-}
-
-/// `whole` bytes of the budget go to images that cannot be had tile by tile, or are in memory anyway.
-fn too_small(options: &TextureOptions, least: u64, whole: u64) -> Error {
-    let TextureOptions { budget, threads, .. } = options;
-    let beside = if whole > 0 { format!(" beside {whole} bytes of images in memory") } else { String::new() };
-    Error::Usage(format!(
-        "a texture memory of {budget} bytes is too small: {threads} threads need at least {least} (--texture-memory {least}), two tiles each{beside}"
-    ))
-}
-
-fn decode(source: &ImageSource, need: ImageNeeds) -> Result<Stored> {
+fn decode(source: &ImageSource, encoding: Encoding, need: ImageNeeds) -> Result<Stored> {
     let data = read_image(&source.path).map_err(|e| match e {
         Error::Resource(_) => e,
         e => Error::at(&source.at, format!("image {e}")),
     })?;
-    store(data, source.encoding, need.mip_levels)
+    store(data, encoding, need.mip_levels)
         .map_err(|e| Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display())))
 }
 
@@ -405,5 +387,7 @@ impl TextureStore {
     }
 }
 
+#[cfg(test)]
+mod file_tests;
 #[cfg(test)]
 mod tests;

@@ -200,6 +200,12 @@ pub(super) struct Memory {
 }
 
 impl Memory {
+    /// What levels of these sizes take, in blocks of 2^`block_log2` texels a side and of `texel` bytes each.
+    pub(super) fn taken(sizes: &[(u32, u32)], block_log2: u32, texel: u64) -> u64 {
+        let side = |n: u32| u64::from(n).next_multiple_of(1 << block_log2);
+        sizes.iter().map(|&(w, h)| (side(w) * side(h) * texel).next_multiple_of(64)).sum()
+    }
+
     /// Room for levels of these sizes.
     pub(super) fn new<T: Texel>(sizes: &[(u32, u32)]) -> std::io::Result<(Self, Vec<Level>)> {
         let side = 1u32 << T::BLOCK_LOG2;

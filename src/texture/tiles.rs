@@ -54,12 +54,14 @@ pub(super) struct TiledImage {
     tile_log2: (u32, u32),
     levels: Box<[TileLevel]>,
     table: Box<[f32; 256]>,
+    /// Alpha says nothing, and counts as none.
+    opaque: bool,
 }
 
 impl TiledImage {
     /// The image of `file`, which is number `index` in the cache. `encoding` is that of 8-bit
-    /// numbers unless the file names its own.
-    pub(super) fn new(index: u32, file: &TiledFile, encoding: Encoding) -> Self {
+    /// numbers unless the file names its own. `opaque` files have an alpha that says nothing.
+    pub(super) fn new(index: u32, file: &TiledFile, encoding: Encoding, opaque: bool) -> Self {
         let kind = match (file.component(), file.channels()) {
             (Component::U8, 1) => Kind::Grey8,
             (Component::U8, 3) => Kind::Rgb8,
@@ -77,6 +79,7 @@ impl TiledImage {
             tile_log2: file.tile_log2(),
             levels: file.levels().into(),
             table: encoding::table8(file.encoding().unwrap_or(encoding)),
+            opaque,
         }
     }
 
@@ -91,9 +94,9 @@ impl TiledImage {
         texels * with_texel!(self.kind, T => size_of::<T>() as u64)
     }
 
-    /// Whether there is an alpha channel.
+    /// Whether there is an alpha channel that says something.
     pub(super) fn has_alpha(&self) -> bool {
-        matches!(self.kind, Kind::Rgba8 | Kind::RgbaHalf | Kind::RgbaFloat)
+        !self.opaque && matches!(self.kind, Kind::Rgba8 | Kind::RgbaHalf | Kind::RgbaFloat)
     }
 
     /// Width and height in texels.

@@ -350,7 +350,7 @@ impl Builder<'_> {
             return None;
         }
         let at = Location::whole(self.file);
-        let source = ImageSource { path, encoding, at };
+        let source = ImageSource { path, encoding, named: false, at };
         let same = |s: &ImageSource| s.path == source.path && s.encoding == source.encoding;
         let image = ImageId(match self.scene.images.iter().position(same) {
             Some(i) => i as u32,

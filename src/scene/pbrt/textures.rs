@@ -50,7 +50,7 @@ pub(super) struct Textures {
     constants: HashMap<[u32; 3], TextureId>,
     /// What an evaluation of each texture of the scene visits.
     weights: Vec<Weight>,
-    images: HashMap<(PathBuf, u32), ImageId>,
+    images: HashMap<(PathBuf, u32, bool), ImageId>,
 }
 
 impl Textures {
@@ -341,17 +341,20 @@ impl Reader {
         let path = self.files.require(name, at)?;
         let suffix = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         let is = |s: &str| suffix.as_deref() == Some(s);
+        // Names of tiled files, which stand in for any other and may say their curve themselves.
+        let tiled = is("tx") || is("tif") || is("tiff");
         // pbrt-v4 honours "encoding" in PNG alone; other 8-bit files are sRGB to it.
-        let encoding = if is("png") { asked } else { Encoding::Srgb };
+        let encoding = asked.filter(|_| is("png") || tiled);
+        let named = tiled && encoding.is_some();
         // It reads an alpha channel from PNG and EXR alone, and float textures then take that.
         let channels = match how {
             Some(_) => Channels::Rgb,
-            None if is("png") || is("exr") => Channels::Alpha,
+            None if is("png") || is("exr") || tiled => Channels::Alpha,
             None => Channels::Average,
         };
         let at = at.clone();
         Ok(Texture::Image {
-            image: self.image(path, encoding, &at)?,
+            image: self.image_as(path, encoding.unwrap_or(Encoding::Srgb), named, &at)?,
             mapping: mapping(p, &t.texture_to_world)?,
             filter,
             wrap,
@@ -363,18 +366,22 @@ impl Reader {
 
     /// The image file, once however often it is asked for.
     pub(super) fn image(&mut self, path: PathBuf, encoding: Encoding, at: &Location) -> Result<ImageId> {
+        self.image_as(path, encoding, false, at)
+    }
+
+    fn image_as(&mut self, path: PathBuf, encoding: Encoding, named: bool, at: &Location) -> Result<ImageId> {
         let key = match encoding {
             Encoding::Srgb => 0,
             Encoding::Linear => 1,
             // A positive gamma's bits are far above 1.
             Encoding::Gamma(g) => g.to_bits(),
         };
-        if let Some(&id) = self.textures.images.get(&(path.clone(), key)) {
+        if let Some(&id) = self.textures.images.get(&(path.clone(), key, named)) {
             return Ok(id);
         }
         let id = ImageId(index(self.scene.images.len())?);
-        self.textures.images.insert((path.clone(), key), id);
-        self.scene.images.push(ImageSource { path, encoding, at: at.clone() });
+        self.textures.images.insert((path.clone(), key, named), id);
+        self.scene.images.push(ImageSource { path, encoding, named, at: at.clone() });
         Ok(id)
     }
 }
@@ -391,17 +398,17 @@ fn later(name: &str, at: &Location) -> Error {
     Error::at(at, format!("texture \"{name}\" is defined further down; move its Texture before this one"))
 }
 
-/// `encoding`: `sRGB`, `linear` or `gamma N`.
-fn encoding(p: &Params) -> Result<Encoding> {
-    let Some((text, at)) = p.string("encoding")? else { return Ok(Encoding::Srgb) };
+/// `encoding`: `sRGB`, `linear` or `gamma N`; `None` where the scene does not say.
+fn encoding(p: &Params) -> Result<Option<Encoding>> {
+    let Some((text, at)) = p.string("encoding")? else { return Ok(None) };
     match text {
-        "sRGB" => Ok(Encoding::Srgb),
-        "linear" => Ok(Encoding::Linear),
+        "sRGB" => Ok(Some(Encoding::Srgb)),
+        "linear" => Ok(Some(Encoding::Linear)),
         _ => text
             .strip_prefix("gamma ")
             .and_then(|g| g.trim().parse::<f32>().ok())
             .filter(|g| g.is_finite() && *g > 0.0)
-            .map(Encoding::Gamma)
+            .map(|g| Some(Encoding::Gamma(g)))
             .ok_or_else(|| {
                 let text = shown(text.as_bytes());
                 Error::at(at, format!("unknown encoding \"{text}\"; it is sRGB, linear or gamma N"))

@@ -39,12 +39,13 @@ pub(super) fn convert(
             Error::Resource(_) | Error::Interrupted => e,
             e => Error::at(&source.at, format!("image {e}")),
         };
+        let Found::Plain { encoding, .. } = *found else { continue };
         let watch = Watch { progress: &report, ..watch };
-        let copy = cache_dir::converted(&dir, &source.path, source.encoding, options.threads, watch);
+        let copy = cache_dir::converted(&dir, &source.path, encoding, options.threads, watch);
         let copy = copy.map_err(place)?;
         before += own;
         notes.extend(notes_on(&copy, &source.path));
-        *found = Found::Tiled(match TiledFile::open(&copy.path, source.encoding, files) {
+        let file = match TiledFile::open(&copy.path, encoding, files) {
             Ok(Some(file)) if TiledImage::is_complete(&file) => Box::new(file),
             Err(e @ Error::Io { .. }) => return Err(e),
             // The scene is not to blame, and only a person may delete what is not ours for certain.
@@ -53,7 +54,8 @@ pub(super) fn convert(
                 let message = "this tiled copy is damaged; delete it, and the next render makes it again";
                 return Err(Error::Resource(format!("{path}: {message}")));
             }
-        });
+        };
+        *found = Found::Tiled { file, opaque: false };
     }
     Ok((found, notes))
 }

@@ -248,7 +248,7 @@ fn bad_texels_of_float_images_become_finite() {
 #[test]
 fn an_unused_image_is_not_opened_and_a_missing_one_names_its_place() {
     let at = Location { line: 7, column: 3, ..Location::whole("scene.pbrt") };
-    let source = ImageSource { path: "nowhere.png".into(), encoding: Encoding::Srgb, at };
+    let source = ImageSource { path: "nowhere.png".into(), encoding: Encoding::Srgb, named: false, at };
     let load = |sources: &[ImageSource], needs: &[ImageNeeds]| {
         TextureStore::load(sources, needs, &TextureOptions::default(), Watch::nobody())
     };

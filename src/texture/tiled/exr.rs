@@ -94,6 +94,8 @@ fn open_exr(window: &mut Window) -> Result<Option<Layout>> {
     };
     let [header] = &mut meta.headers[..] else { return Ok(None) };
     // Previews and what writers note about themselves may be large, and nobody reads them.
+    let comments = header.own_attributes.comments.as_ref();
+    let ours = comments.is_some_and(|text| text.to_string().contains("weir:source="));
     let position = header.own_attributes.layer_position;
     header.own_attributes = LayerAttributes { layer_position: position, ..LayerAttributes::default() };
     header.shared_attributes.other.clear();
@@ -129,6 +131,8 @@ fn open_exr(window: &mut Window) -> Result<Option<Layout>> {
     Ok(Some(Layout {
         shape,
         encoding: Some(Encoding::Linear),
+        named: None,
+        ours,
         offsets: offsets.into_boxed_slice(),
         sizes,
         codec: super::Codec::Exr(Codec { meta: Box::new(meta), slots, pixel_bytes, way }),

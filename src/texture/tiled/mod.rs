@@ -24,6 +24,7 @@ use crate::scene::Encoding;
 use blocks::Blocks;
 use decode::Decoders;
 use files::{Cause, PooledFile};
+use half::f16;
 use shape::Shape;
 use std::path::Path;
 use std::sync::Arc;
@@ -55,6 +56,10 @@ impl Component {
 struct Layout {
     shape: Shape,
     encoding: Option<Encoding>,
+    /// The curve of integers that the file names.
+    named: Option<Encoding>,
+    /// Weir made it: alpha is there only where it says something.
+    ours: bool,
     /// Where each tile's bytes begin in the file, by tile.
     offsets: Box<[u64]>,
     /// How many bytes (for EXR: at most) each tile has in the file; 0 where the file's index makes
@@ -144,6 +149,58 @@ impl TiledFile {
     #[must_use]
     pub fn encoding(&self) -> Option<Encoding> {
         self.layout.encoding
+    }
+
+    /// The curve that the file names for its integers.
+    #[must_use]
+    pub(super) fn named(&self) -> Option<Encoding> {
+        self.layout.named
+    }
+
+    /// Reads integers by `encoding`, whatever the file says. Floats stay what they are.
+    pub(super) fn impose(&mut self, encoding: Encoding) {
+        if self.layout.shape.component == Component::U8 {
+            self.layout.encoding = Some(encoding);
+        } else if let Codec::Tiff(codec) = &mut self.layout.codec {
+            codec.impose(encoding);
+        }
+    }
+
+    /// Whether it has an alpha channel that says nothing: 1 throughout. Weir's own files have no such
+    /// channel; others are looked at from the coarsest level on, up to the one that has a texel for
+    /// each 8×8. There 8 bits show one transparent texel among opaque ones, at odd sizes too, as the
+    /// coarsest level does not; what may escape is isolated texels that are more than half opaque. One
+    /// tile tells for most masks; an opaque channel costs a 48th of the file.
+    #[must_use]
+    pub(super) fn is_opaque(&self) -> bool {
+        const FINEST: usize = 3;
+        if self.channels() != 4 || self.layout.ours {
+            return false;
+        }
+        let levels = self.levels();
+        let last = levels.len() - 1;
+        let mut scratch = TileScratch::default();
+        let mut tile = vec![0; self.tile_bytes()];
+        levels[FINEST.min(last)..].iter().rev().all(|l| {
+            (l.first..l.first + l.tiles_x * l.tiles_y).all(|i| {
+                // Whoever needs a tile that cannot be read says so.
+                self.read_tile(i, &mut tile, &mut scratch).is_ok() && self.tile_is_opaque(i, &tile)
+            })
+        })
+    }
+
+    fn tile_is_opaque(&self, index: u32, tile: &[u8]) -> bool {
+        let at = self.layout.shape.locate(index);
+        let texel = self.layout.shape.texel_bytes();
+        let rows = tile.chunks_exact(self.layout.shape.tile_width() * texel).take(at.height as usize);
+        let mut texels = rows.flat_map(|row| row.chunks_exact(texel).take(at.width as usize));
+        texels.all(|t| match (self.component(), t) {
+            (Component::U8, [.., a]) => *a == 255,
+            (Component::F16, [.., a, b]) => f16::from_ne_bytes([*a, *b]) == f16::ONE,
+            // Sums of weights that are 1 but for their last bits.
+            (Component::F32, [.., a, b, c, d]) => (f32::from_ne_bytes([*a, *b, *c, *d]) - 1.0).abs() < 1e-6,
+            _ => false,
+        })
     }
 
     /// Memory that this takes, in bytes.

@@ -5,6 +5,9 @@
 //! The directories are read here and not by a library: `tiff` 0.11 reads the offsets of the first
 //! image while it opens a file, refuses more than 1 MiB of them, and takes 32 bytes for each.
 //!
+//! Colour stays as it is stored, whatever the file says of alpha (ExtraSamples 1 or 2), as it does in
+//! images that are read whole and in EXR.
+//!
 //! Invariant: a table is read only after its length was held against the file's.
 
 use super::decode::{self, Compression, Numbers, Predictor, Table16};
@@ -177,7 +180,10 @@ fn open_tiff(window: &mut Window, encoding: Encoding) -> Result<Option<Layout>> 
     }
     let (offsets, sizes) = index(&mut r, &chain, &shape, &codec)?;
     let encoding = if component == Component::U8 { named } else { Some(Encoding::Linear) };
-    Ok(Some(Layout { shape, encoding, offsets, sizes, codec: super::Codec::Tiff(codec) }))
+    let integers = matches!(codec.numbers, Numbers::U8 | Numbers::U16);
+    let ours = named.is_some();
+    let named = named.filter(|_| integers);
+    Ok(Some(Layout { shape, encoding, named, ours, offsets, sizes, codec: super::Codec::Tiff(codec) }))
 }
 
 /// Offsets and sizes of all tiles.
@@ -280,6 +286,13 @@ fn codec(form: Form, ways: Vec<Way>, big_endian: bool) -> Option<((u32, u32), Co
 }
 
 impl Codec {
+    /// Reads 16-bit integers by `encoding`.
+    pub(super) fn impose(&mut self, encoding: Encoding) {
+        if self.numbers == Numbers::U16 {
+            self.table = Some(decode::table16(encoding));
+        }
+    }
+
     /// Memory beyond its own size.
     pub(super) fn bytes(&self) -> usize {
         self.ways.len() * size_of::<Way>() + self.table.as_ref().map_or(0, Table16::own_bytes)

@@ -1,0 +1,102 @@
+//! What a look at a file's header tells of an image before it is loaded.
+//!
+//! Invariant: the bytes of an image that is decoded as a whole are never fewer than it will take.
+//! Never decodes an image, never decides whether it is copied.
+
+use super::TextureOptions;
+use crate::error::{Error, Result};
+use crate::prepare::ImageNeeds;
+use crate::scene::{Encoding, ImageSource};
+use crate::texture::convert::fingerprint::encoding_name;
+use crate::texture::image_io::decoded_bytes;
+use crate::texture::tiled::{FilePool, TiledFile};
+use crate::texture::tiles::TiledImage;
+use std::sync::Arc;
+
+/// An image that is not loaded yet.
+pub(super) enum Found {
+    Unused,
+    Tiled {
+        file: Box<TiledFile>,
+        /// Alpha says nothing.
+        opaque: bool,
+    },
+    /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
+    Plain {
+        bytes: u64,
+        may_tile: bool,
+        /// How its integers are read: a tiled file says it whichever way it is read.
+        encoding: Encoding,
+    },
+}
+
+/// Bytes of images that are decoded as a whole.
+pub(super) fn whole_bytes(found: &[Found]) -> u64 {
+    let bytes = |f: &Found| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 };
+    found.iter().map(bytes).fold(0, u64::saturating_add)
+}
+
+/// Looks at one file; with a line that a person should read, if there is one.
+pub(super) fn find(
+    source: &ImageSource,
+    need: ImageNeeds,
+    files: &Arc<FilePool>,
+) -> Result<(Found, Option<String>)> {
+    let place = |e| match e {
+        Error::Resource(_) => e,
+        e => Error::at(&source.at, format!("image {e}")),
+    };
+    if !need.used {
+        return Ok((Found::Unused, None));
+    }
+    let tiled = match TiledFile::open(&source.path, source.encoding, files) {
+        // Whoever reads it as a whole says whether that can be done.
+        Err(_) if need.whole => None,
+        tiled => tiled.map_err(place)?,
+    };
+    let own = tiled.as_ref().and_then(TiledFile::named);
+    let mut note = None;
+    let mut encoding = own.unwrap_or(source.encoding);
+    if source.named {
+        encoding = source.encoding;
+        note = own.filter(|own| *own != encoding).map(|own| contradiction(source, own));
+    }
+    if let Some(mut file) = tiled
+        && !need.whole
+        && TiledImage::is_complete(&file)
+    {
+        if source.named {
+            file.impose(encoding);
+        }
+        let opaque = file.is_opaque();
+        return Ok((Found::Tiled { file: Box::new(file), opaque }, note));
+    }
+    let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(place)?;
+    Ok((Found::Plain { bytes, may_tile: !need.whole, encoding }, note))
+}
+
+fn contradiction(source: &ImageSource, own: Encoding) -> String {
+    let (asked, own) = (encoding_name(source.encoding), encoding_name(own));
+    let ImageSource { path, at, .. } = source;
+    format!(
+        "{at}: image {}: its levels were made as {own}, and the scene reads it as {asked}; make it again with --encoding {asked}",
+        path.display()
+    )
+}
+
+/// `whole` bytes of the budget go to images that cannot be had tile by tile, or are in memory anyway;
+/// `room` is what tiles need beside them.
+pub(super) fn too_small(options: &TextureOptions, whole: u64, room: u64) -> Error {
+    let TextureOptions { budget, threads, .. } = options;
+    let least = whole.saturating_add(room);
+    let what = match (whole, room) {
+        (_, 0) => format!("images that are needed whole take {least} (--texture-memory {least})"),
+        (0, _) => {
+            format!("{threads} threads need at least {least} (--texture-memory {least}), two tiles each")
+        }
+        _ => format!(
+            "{threads} threads need at least {least} (--texture-memory {least}), two tiles each beside {whole} bytes of images in memory"
+        ),
+    };
+    Error::Usage(format!("a texture memory of {budget} bytes is too small: {what}"))
+}
