@@ -69,7 +69,7 @@ pub struct RenderSettings {
     pub estimator: Estimator,
     /// Bytes of textures in memory; `None` means half of what is free.
     pub texture_memory: Option<u64>,
-    /// A read of a texture tile takes at least so long [s]: slow storage, simulated.
+    /// A read of a texture tile takes at least so long \[s\]: slow storage, simulated.
     pub texture_latency_seconds: f64,
     /// Where tiled copies of textures are kept; `None` means the user's cache directory.
     pub cache_dir: Option<PathBuf>,

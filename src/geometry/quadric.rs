@@ -104,7 +104,7 @@ impl Quadric {
         })
     }
 
-    /// Mean curvature in world space, along [`QuadricPoint::n`]; scaled as if the transform were even.
+    /// Mean curvature in world space, along `QuadricPoint::n`; scaled as if the transform were even.
     #[must_use]
     pub fn curvature(&self) -> f32 {
         let own = match self.kind {

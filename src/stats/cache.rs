@@ -101,9 +101,9 @@ pub struct CacheRow {
     pub footprint_bytes: u64,
     /// `bytes_loaded` over `footprint_bytes`: 1 is ideal, 2 fine, 10 bad; 0 where nothing was read.
     pub pressure: f64,
-    /// Time spent reading and decoding [s], summed over threads.
+    /// Time spent reading and decoding \[s\], summed over threads.
     pub read_s: f64,
-    /// Time spent waiting for another thread's read or for room [s], summed over threads.
+    /// Time spent waiting for another thread's read or for room \[s\], summed over threads.
     pub stall_s: f64,
     /// Reads that failed.
     pub failed: u64,
@@ -146,7 +146,7 @@ pub struct CacheFile {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Knee {
-    /// The smallest cache that reads at most 1.1 times the footprint [bytes].
+    /// The smallest cache that reads at most 1.1 times the footprint \[bytes\].
     pub bytes: u64,
     /// What it reads over the footprint.
     pub pressure: f64,
@@ -177,7 +177,7 @@ pub struct CacheStats {
     pub by_file: Vec<CacheFile>,
 }
 
-/// Predicted misses over look-ups by size of the cache [bytes], sizes rising.
+/// Predicted misses over look-ups by size of the cache \[bytes\], sizes rising.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct MissRatios {

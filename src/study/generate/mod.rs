@@ -1,7 +1,7 @@
 //! Large procedural scenes from a seed, as pbrt-v4 files with binary PLY meshes and textures.
 //!
 //! Invariants: a seed gives the same bytes on every machine and for any number of threads (each file
-//! depends on its index alone; see [`noise`]); memory is a few rows or bands a thread, never a mesh
+//! depends on its index alone; see `noise`); memory is a few rows or bands a thread, never a mesh
 //! or an image; `scene.pbrt` comes last, so a broken run has none. Never renders.
 
 mod building;

@@ -190,7 +190,7 @@ impl TileCache {
         self.files.iter().map(|f| (f.file.index_bytes() + f.seen.len() * 8) as u64).sum()
     }
 
-    /// The largest read buffer of a thread that is done [bytes]; beside the budget.
+    /// The largest read buffer of a thread that is done \[bytes\]; beside the budget.
     #[must_use]
     pub fn scratch_bytes(&self) -> u64 {
         self.scratch.load(Ordering::Relaxed)

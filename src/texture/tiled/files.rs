@@ -80,7 +80,7 @@ struct State {
     opening: usize,
 }
 
-/// At most so many open files for any number of [`PooledFile`]s.
+/// At most so many open files for any number of `PooledFile`s.
 pub struct FilePool {
     limit: usize,
     caching: Caching,
