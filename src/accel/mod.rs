@@ -1,6 +1,7 @@
 //! Closest hit and occlusion over slices of geometry. Knows no store, no material and no file.
 //! Whoever builds a [`Accel`] keeps the vertex memory alive; a query allocates nothing.
 
+pub mod bvh;
 #[cfg(feature = "embree")]
 pub mod embree;
 

@@ -1,0 +1,506 @@
+//! A world of objects and instances over trees, and the queries of [`Accel`].
+//!
+//! Invariant: immutable once built; queries allocate nothing. Instances are one level deep: an object is made of
+//! geometries.
+
+use super::build::{BuildSettings, build};
+use super::collapse::{into_blocks, widen};
+use super::plain::{self, Leaves};
+use super::primitives::{Reference, grown, triangles};
+use super::query::{Best, Met, Query, Work, into_object};
+use super::tree::{Block, MAX_STARTS, Node, Wide};
+use super::triangle::{candidates, intersect};
+#[cfg(target_arch = "x86_64")]
+use super::wide;
+use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, Ray};
+use crate::error::{Error, Result};
+use glam::{Mat4, Vec3};
+
+/// How a tree is laid out. The answers are the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// Two children a node, any processor.
+    Plain,
+    /// Eight, for x86-64 with AVX2 and FMA.
+    Wide,
+}
+
+impl Form {
+    /// The fastest that this processor runs.
+    #[must_use]
+    pub fn best() -> Self {
+        if has_fma() { Self::Wide } else { Self::Plain }
+    }
+}
+
+/// Whether the processor has all that [`wide::traverse`] and [`plain::traverse_fma`] are compiled for.
+fn has_fma() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::is_x86_feature_detected as has;
+        has!("avx2") && has!("fma") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// Nodes.
+enum Nodes {
+    Plain(Vec<Node>),
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "wide nodes need AVX2"))]
+    Wide(Vec<Wide>),
+}
+
+impl Nodes {
+    fn new(nodes: Vec<Node>, form: Form) -> Self {
+        match form {
+            Form::Plain => Self::Plain(nodes),
+            Form::Wide => Self::Wide(widen(&nodes)),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Plain(nodes) => size_of_val(&nodes[..]),
+            Self::Wide(nodes) => size_of_val(&nodes[..]),
+        }
+    }
+}
+
+/// What one traversal answers: the world's own geometry, or an object's.
+struct Object<'a> {
+    geometry: Vec<Geometry<'a>>,
+    triangles: Nodes,
+    blocks: Vec<Block>,
+    others: Nodes,
+    /// What the leaves of `others` are runs of.
+    order: Vec<Reference>,
+    lo: Vec3,
+    hi: Vec3,
+}
+
+/// In place of a geometry's index: the primitive is an instance.
+const INSTANCE: u32 = NONE;
+
+/// An object placed in the world.
+struct Placed {
+    object: u32,
+    to_object: [f32; 12],
+    lo: [f32; 3],
+    hi: [f32; 3],
+}
+
+/// A built world.
+pub struct BvhScene<'a> {
+    world: Object<'a>,
+    objects: Vec<Object<'a>>,
+    instances: Vec<Placed>,
+    custom: &'a dyn Custom,
+    /// Largest coordinate of any tree, without sign.
+    reach: f32,
+    /// Whether the processor multiplies and adds at once.
+    fma: bool,
+}
+
+impl<'a> BvhScene<'a> {
+    /// Builds trees over `world` and `objects`, with `instances` of the latter, on the threads of the current pool.
+    ///
+    /// # Errors
+    /// [`Error::Resource`] when there are more primitives than references reach (half a billion).
+    pub fn new(
+        world: &[Geometry<'a>],
+        objects: &[Vec<Geometry<'a>>],
+        instances: &[InstanceOf],
+        custom: &'a dyn Custom,
+        form: Form,
+    ) -> Result<Self> {
+        let form = if has_fma() { form } else { Form::Plain };
+        let objects: Vec<Object<'a>> =
+            objects.iter().map(|o| Object::new(o, Vec::new(), custom, form)).collect::<Result<_>>()?;
+        let placed: Vec<Placed> = instances.iter().map(|i| Placed::new(i, &objects)).collect();
+        let references = (placed.iter().enumerate())
+            .filter_map(|(i, p)| Reference::new(p.lo, p.hi, INSTANCE, u32::try_from(i).ok()?))
+            .collect();
+        let world = Object::new(world, references, custom, form)?;
+        let reach = std::iter::once(&world)
+            .chain(&objects)
+            .map(|o| o.lo.abs().max(o.hi.abs()).max_element())
+            .filter(|r| r.is_finite())
+            .fold(0.0, f32::max);
+        Ok(Self { world, objects, instances: placed, custom, reach, fma: has_fma() })
+    }
+
+    /// The nearest hit, counting what it took.
+    #[must_use]
+    pub fn closest_counted(&self, ray: &Ray, work: &mut Work) -> Hit {
+        self.nearest::<true>(ray, work)
+    }
+
+    /// Whether anything lies in (t_min, t_max), counting what it took.
+    #[must_use]
+    pub fn occluded_counted(&self, ray: &Ray, work: &mut Work) -> bool {
+        self.any::<true>(ray, work)
+    }
+
+    #[inline(always)]
+    fn nearest<const COUNT: bool>(&self, ray: &Ray, work: &mut Work) -> Hit {
+        let Some(query) = Query::new(ray, self.reach) else { return Hit::MISS };
+        let mut best = Best::before(ray.t_max);
+        self.nearest_in::<COUNT>(&self.world, NONE, ray, &query, &mut best, work);
+        best.into_hit()
+    }
+
+    #[inline(always)]
+    fn nearest_in<const COUNT: bool>(
+        &self,
+        object: &Object<'a>,
+        instance: u32,
+        ray: &Ray,
+        query: &Query,
+        best: &mut Best,
+        work: &mut Work,
+    ) {
+        if !object.blocks.is_empty() {
+            let mut leaves = NearestTriangle { scene: self, object, instance, ray, query, best };
+            let t_max = leaves.best.hit.t;
+            self.traverse::<COUNT, true>(&object.triangles, query, t_max, work, &mut leaves);
+        }
+        if !object.order.is_empty() {
+            let mut inner = Work::default();
+            let mut leaves =
+                NearestOther::<COUNT> { scene: self, object, instance, ray, query, best, work: &mut inner };
+            let t_max = leaves.best.hit.t;
+            self.traverse::<COUNT, true>(&object.others, query, t_max, work, &mut leaves);
+            work.nodes += inner.nodes;
+            work.leaves += inner.leaves;
+        }
+    }
+
+    #[inline(always)]
+    fn any<const COUNT: bool>(&self, ray: &Ray, work: &mut Work) -> bool {
+        let Some(query) = Query::new(ray, self.reach) else { return false };
+        self.any_in::<COUNT>(&self.world, ray, &query, work)
+    }
+
+    #[inline(always)]
+    fn any_in<const COUNT: bool>(
+        &self,
+        object: &Object<'a>,
+        ray: &Ray,
+        query: &Query,
+        work: &mut Work,
+    ) -> bool {
+        if !object.blocks.is_empty() {
+            let mut leaves = AnyTriangle { scene: self, object, ray, query, found: false };
+            self.traverse::<COUNT, false>(&object.triangles, query, ray.t_max, work, &mut leaves);
+            if leaves.found {
+                return true;
+            }
+        }
+        if object.order.is_empty() {
+            return false;
+        }
+        let mut inner = Work::default();
+        let mut leaves =
+            AnyOther::<COUNT> { scene: self, object, ray, query, found: false, work: &mut inner };
+        self.traverse::<COUNT, false>(&object.others, query, ray.t_max, work, &mut leaves);
+        let found = leaves.found;
+        work.nodes += inner.nodes;
+        work.leaves += inner.leaves;
+        found
+    }
+
+    #[inline(always)]
+    fn traverse<const COUNT: bool, const ORDERED: bool>(
+        &self,
+        nodes: &Nodes,
+        query: &Query,
+        t_max: f32,
+        work: &mut Work,
+        leaves: &mut impl Leaves,
+    ) {
+        match nodes {
+            #[cfg(target_arch = "x86_64")]
+            Nodes::Wide(nodes) => {
+                // SAFETY: wide nodes are made only where `has_fma` has found every feature.
+                unsafe { wide::traverse::<COUNT, ORDERED>(nodes, query, t_max, work, leaves) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Nodes::Plain(nodes) if self.fma => {
+                // SAFETY: `has_fma` has found every feature.
+                unsafe { plain::traverse_fma::<COUNT>(nodes, query, t_max, work, leaves) }
+            }
+            Nodes::Plain(nodes) => plain::traverse::<COUNT>(nodes, query, t_max, work, leaves),
+            #[cfg(not(target_arch = "x86_64"))]
+            Nodes::Wide(_) => unreachable!("wide nodes are made for AVX2 alone"),
+        }
+    }
+
+    /// An instance, the ray in its space and where that enters its box.
+    #[inline(always)]
+    fn enter(&self, instance: u32, ray: &Ray, query: &Query, t_max: f32) -> Option<(&Object<'a>, Ray, Query)> {
+        let placed = &self.instances[instance as usize];
+        let (near, far) = query.inside(placed.lo, placed.hi, t_max);
+        if near > far {
+            return None;
+        }
+        let inner = into_object(ray, &placed.to_object, t_max);
+        let mut inside = Query::new(&inner, self.reach)?;
+        inside.floor = near;
+        Some((&self.objects[placed.object as usize], inner, inside))
+    }
+
+    #[inline(always)]
+    fn passes(&self, name: Option<u32>, primitive: u32, met: Met, ray: &Ray) -> bool {
+        name.is_some_and(|name| !self.custom.is_opaque(name, primitive, (met.t, met.u, met.v), ray))
+    }
+}
+
+impl<'a> Object<'a> {
+    fn new(
+        geometry: &[Geometry<'a>],
+        instances: Vec<Reference>,
+        custom: &'a dyn Custom,
+        form: Form,
+    ) -> Result<Self> {
+        let mut of_triangles = triangles(geometry);
+        let mut order = instances;
+        for (name, g) in geometry.iter().enumerate() {
+            let Geometry::Custom { count, user, .. } = *g else { continue };
+            let name = u32::try_from(name).expect("geometries are counted in u32");
+            order.extend((0..count).filter_map(|primitive| {
+                let (lo, hi) = grown(custom.bounds(user, primitive));
+                Reference::new(lo, hi, name, primitive)
+            }));
+        }
+        if of_triangles.len().max(order.len()) >= MAX_STARTS {
+            return Err(Error::Resource(format!(
+                "{} primitives in one object; the native tree holds up to {MAX_STARTS}",
+                of_triangles.len().max(order.len())
+            )));
+        }
+        let mut nodes = build(&mut of_triangles, BuildSettings::TRIANGLES);
+        let blocks = into_blocks(&mut nodes, &of_triangles, geometry);
+        drop(of_triangles);
+        let other_nodes = build(&mut order, BuildSettings::SINGLE);
+        let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for root in nodes.first().into_iter().chain(other_nodes.first()) {
+            lo = lo.min(root.lo.into());
+            hi = hi.max(root.hi.into());
+        }
+        Ok(Self {
+            geometry: geometry.to_vec(),
+            triangles: Nodes::new(nodes, form),
+            blocks,
+            others: Nodes::new(other_nodes, form),
+            order,
+            lo,
+            hi,
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.triangles.bytes()
+            + self.others.bytes()
+            + size_of_val(&self.blocks[..])
+            + size_of_val(&self.order[..])
+    }
+
+    #[inline(always)]
+    fn alpha(&self, geometry: u32) -> Option<u32> {
+        match self.geometry[geometry as usize] {
+            Geometry::Triangles { alpha, .. } => alpha,
+            Geometry::Custom { user, alpha, .. } => alpha.then_some(user),
+        }
+    }
+}
+
+impl Placed {
+    fn new(instance: &InstanceOf, objects: &[Object<'_>]) -> Self {
+        let t = &instance.transform;
+        let column = |c: usize, w: f32| [t[3 * c], t[3 * c + 1], t[3 * c + 2], w];
+        let to_world =
+            Mat4::from_cols_array_2d(&[column(0, 0.0), column(1, 0.0), column(2, 0.0), column(3, 1.0)]);
+        let inverse = to_world.as_dmat4().inverse().as_mat4();
+        let mut to_object = [0.0; 12];
+        for (out, axis) in to_object.chunks_exact_mut(3).zip(inverse.to_cols_array_2d()) {
+            out.copy_from_slice(&axis[..3]);
+        }
+        let object = &objects[instance.object as usize];
+        let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for corner in 0..8 {
+            let pick = |bit: i32, a: f32, b: f32| if corner >> bit & 1 == 0 { a } else { b };
+            let p = Vec3::new(
+                pick(0, object.lo.x, object.hi.x),
+                pick(1, object.lo.y, object.hi.y),
+                pick(2, object.lo.z, object.hi.z),
+            );
+            let p = to_world.transform_point3(p);
+            lo = lo.min(p);
+            hi = hi.max(p);
+        }
+        let (lo, hi) = grown((lo, hi));
+        Self { object: instance.object, to_object, lo, hi }
+    }
+}
+
+impl Accel for BvhScene<'_> {
+    fn closest(&self, ray: &Ray) -> Hit {
+        self.nearest::<false>(ray, &mut Work::default())
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        self.any::<false>(ray, &mut Work::default())
+    }
+
+    fn bytes(&self) -> u64 {
+        let objects: usize = self.objects.iter().map(Object::bytes).sum();
+        (self.world.bytes() + objects + size_of_val(&self.instances[..])) as u64
+    }
+
+    fn bounds(&self) -> (Vec3, Vec3) {
+        (self.world.lo, self.world.hi)
+    }
+}
+
+struct NearestTriangle<'s, 'a> {
+    scene: &'s BvhScene<'a>,
+    object: &'s Object<'a>,
+    instance: u32,
+    ray: &'s Ray,
+    query: &'s Query,
+    best: &'s mut Best,
+}
+
+impl Leaves for NearestTriangle<'_, '_> {
+    #[inline(always)]
+    fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
+        for block in &self.object.blocks[start..start + count] {
+            let mut lanes = candidates(self.query, block);
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                let Some(met) = intersect(self.query, block, lane) else { continue };
+                let (geometry, primitive) = (block.geometry[lane], block.primitive[lane]);
+                if !self.best.is_beaten_by(met.t, self.instance, geometry, primitive)
+                    || self.scene.passes(self.object.alpha(geometry), primitive, met, self.ray)
+                {
+                    continue;
+                }
+                let Met { t, u, v } = met;
+                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance });
+            }
+        }
+        self.best.hit.t
+    }
+}
+
+struct AnyTriangle<'s, 'a> {
+    scene: &'s BvhScene<'a>,
+    object: &'s Object<'a>,
+    ray: &'s Ray,
+    query: &'s Query,
+    found: bool,
+}
+
+impl Leaves for AnyTriangle<'_, '_> {
+    #[inline(always)]
+    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
+        for block in &self.object.blocks[start..start + count] {
+            let mut lanes = candidates(self.query, block);
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                let Some(met) = intersect(self.query, block, lane) else { continue };
+                let alpha = self.object.alpha(block.geometry[lane]);
+                if met.t < t_max && !self.scene.passes(alpha, block.primitive[lane], met, self.ray) {
+                    self.found = true;
+                    return f32::NEG_INFINITY;
+                }
+            }
+        }
+        t_max
+    }
+}
+
+/// A primitive that intersects itself, held to its own box as triangles are.
+#[inline(always)]
+fn meet_custom(
+    scene: &BvhScene<'_>,
+    object: &Object<'_>,
+    reference: &Reference,
+    ray: &Ray,
+    query: &Query,
+    t_max: f32,
+) -> Option<Met> {
+    let Geometry::Custom { user, .. } = object.geometry[reference.geometry as usize] else {
+        unreachable!("triangles have a tree of their own")
+    };
+    // A hit at the very distance of the best may have the smaller name.
+    let within = Ray { t_max: t_max.next_up(), ..*ray };
+    let (t, u, v) = scene.custom.intersect(user, reference.primitive, &within)?;
+    let (lo, hi) = reference.corners();
+    let (near, _) = query.inside(lo, hi, f32::INFINITY);
+    let met = Met { t: t.max(near).max(query.floor), u, v };
+    (!scene.passes(object.alpha(reference.geometry), reference.primitive, met, ray)).then_some(met)
+}
+
+struct NearestOther<'s, 'a, const COUNT: bool> {
+    scene: &'s BvhScene<'a>,
+    object: &'s Object<'a>,
+    instance: u32,
+    ray: &'s Ray,
+    query: &'s Query,
+    best: &'s mut Best,
+    work: &'s mut Work,
+}
+
+impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
+    fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
+        for r in &self.object.order[start..start + count] {
+            let t_max = self.best.hit.t;
+            if r.geometry == INSTANCE {
+                if let Some((object, ray, query)) = self.scene.enter(r.primitive, self.ray, self.query, t_max) {
+                    self.scene.nearest_in::<COUNT>(object, r.primitive, &ray, &query, self.best, self.work);
+                }
+                continue;
+            }
+            let Some(met) = meet_custom(self.scene, self.object, r, self.ray, self.query, t_max) else {
+                continue;
+            };
+            let Met { t, u, v } = met;
+            if self.best.is_beaten_by(t, self.instance, r.geometry, r.primitive) {
+                let (geometry, primitive) = (r.geometry, r.primitive);
+                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance });
+            }
+        }
+        self.best.hit.t
+    }
+}
+
+struct AnyOther<'s, 'a, const COUNT: bool> {
+    scene: &'s BvhScene<'a>,
+    object: &'s Object<'a>,
+    ray: &'s Ray,
+    query: &'s Query,
+    found: bool,
+    work: &'s mut Work,
+}
+
+impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
+    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
+        for r in &self.object.order[start..start + count] {
+            self.found = if r.geometry == INSTANCE {
+                self.scene
+                    .enter(r.primitive, self.ray, self.query, t_max)
+                    .is_some_and(|(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, self.work))
+            } else {
+                meet_custom(self.scene, self.object, r, self.ray, self.query, t_max).is_some_and(|m| m.t < t_max)
+            };
+            if self.found {
+                return f32::NEG_INFINITY;
+            }
+        }
+        t_max
+    }
+}

@@ -1,0 +1,121 @@
+//! Traversal of the wide form: eight boxes at a time, children nearest first.
+//!
+//! Invariant: the same arithmetic as [`Query::inside`], lane by lane.
+
+use super::plain::{Leaves, MAX_DEPTH};
+use super::query::{Query, SLACK, Work};
+use super::tree::{Child, WIDTH, Wide};
+use std::arch::x86_64::*;
+use std::mem::MaybeUninit;
+
+/// All but one child of every node on the way down wait at most.
+const STACK: usize = MAX_DEPTH * (WIDTH - 1) + 1;
+
+/// A child that waits: the distance to its box in the upper half, so that comparing compares distances; the
+/// child in the lower.
+#[inline(always)]
+fn waiting(near: f32, child: Child) -> u64 {
+    u64::from(near.to_bits()) << 32 | u64::from(child.0)
+}
+
+#[inline(always)]
+fn load(planes: &[f32; WIDTH]) -> __m256 {
+    // SAFETY: reads the eight floats of the array, no alignment asked for; inlined only where AVX is.
+    unsafe { _mm256_loadu_ps(planes.as_ptr()) }
+}
+
+#[inline(always)]
+fn pop(stack: &[MaybeUninit<u64>; STACK], height: usize) -> u64 {
+    // SAFETY: entries below the height that was reached have been written.
+    unsafe { stack[height].assume_init() }
+}
+
+/// Visits the leaves that `query` meets within `t_max`.
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+pub(super) fn traverse<const COUNT: bool, const ORDERED: bool>(
+    nodes: &[Wide],
+    query: &Query,
+    mut t_max: f32,
+    work: &mut Work,
+    leaves: &mut impl Leaves,
+) {
+    if nodes.is_empty() {
+        return;
+    }
+    let inverse = query.inverse.map(|v| _mm256_set1_ps(v));
+    let near_offset = query.near.map(|v| _mm256_set1_ps(v));
+    let far_offset = query.far.map(|v| _mm256_set1_ps(v));
+    let enter = [0, 1, 2].map(|k| 2 * k + query.negative[k]);
+    let start = _mm256_set1_ps(query.t_min);
+    let slack = _mm256_set1_ps(SLACK);
+    let mut stack = [const { MaybeUninit::<u64>::uninit() }; STACK];
+    let mut height = 0;
+    let mut at = Child::inner(0);
+    let mut distances = [0.0f32; WIDTH];
+    'next: loop {
+        while !at.is_leaf() {
+            let node = &nodes[at.0 as usize];
+            if COUNT {
+                work.nodes += 1;
+            }
+            let near = |k: usize| _mm256_fmadd_ps(load(&node.planes[enter[k]]), inverse[k], near_offset[k]);
+            let far = |k: usize| _mm256_fmadd_ps(load(&node.planes[enter[k] ^ 1]), inverse[k], far_offset[k]);
+            let near = _mm256_max_ps(_mm256_max_ps(near(0), near(1)), _mm256_max_ps(near(2), start));
+            let far = _mm256_min_ps(_mm256_min_ps(far(0), far(1)), far(2));
+            let far = _mm256_min_ps(_mm256_mul_ps(far, slack), _mm256_set1_ps(t_max));
+            let mut hit = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)).cast_unsigned();
+            if hit == 0 {
+                break;
+            }
+            let first = hit.trailing_zeros() as usize & (WIDTH - 1);
+            hit &= hit - 1;
+            if hit == 0 {
+                at = node.children[first];
+                continue;
+            }
+            // SAFETY: writes eight floats to an array of eight.
+            unsafe { _mm256_storeu_ps(distances.as_mut_ptr(), near) };
+            let mut nearest = waiting(distances[first], node.children[first]);
+            let bottom = height;
+            while hit != 0 {
+                let i = hit.trailing_zeros() as usize & (WIDTH - 1);
+                hit &= hit - 1;
+                let other = waiting(distances[i], node.children[i]);
+                if ORDERED {
+                    let behind = nearest.max(other);
+                    nearest = nearest.min(other);
+                    // Farther ones lie below: what is put down sinks to its place.
+                    let mut place = height;
+                    while place > bottom && pop(&stack, place - 1) < behind {
+                        stack[place] = stack[place - 1];
+                        place -= 1;
+                    }
+                    stack[place].write(behind);
+                } else {
+                    stack[height].write(other);
+                }
+                height += 1;
+            }
+            at = Child(nearest as u32);
+        }
+        if at.is_leaf() {
+            if COUNT {
+                work.leaves += 1;
+            }
+            let (start, count) = at.run();
+            t_max = leaves.visit(start, count, t_max);
+            if t_max == f32::NEG_INFINITY {
+                return;
+            }
+        }
+        while height > 0 {
+            height -= 1;
+            let entry = pop(&stack, height);
+            if f32::from_bits((entry >> 32) as u32) <= t_max {
+                at = Child(entry as u32);
+                continue 'next;
+            }
+        }
+        return;
+    }
+}
