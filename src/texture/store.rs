@@ -298,10 +298,7 @@ impl TextureStore {
 }
 
 fn decode(source: &ImageSource, encoding: Encoding, need: ImageNeeds) -> Result<Stored> {
-    let data = read_image(&source.path).map_err(|e| match e {
-        Error::Resource(_) => e,
-        e => Error::at(&source.at, format!("image {e}")),
-    })?;
+    let data = read_image(&source.path).map_err(find::placed(source))?;
     store(data, encoding, need.mip_levels)
         .map_err(|e| Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display())))
 }
