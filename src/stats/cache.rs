@@ -186,3 +186,58 @@ pub struct MissRatios {
     /// Of the geometry cache.
     pub geometry: Vec<(u64, f64)>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// The keys are a contract: other programs read them.
+    #[test]
+    fn a_row_has_the_keys_of_the_contract_and_comes_back() {
+        let counts = CacheCounts {
+            lookups: 21,
+            micro_hits: 1,
+            hits: 2,
+            misses_compulsory: 3,
+            misses_capacity: 4,
+            misses_duplicate: 5,
+            bytes_read: 6,
+            bytes_loaded: 16,
+            footprint_bytes: 8,
+            read_ns: 500_000_000,
+            stall_ns: 250_000_000,
+            failed: 9,
+        };
+        let row = CacheRow::from(&counts);
+        let mut json = json!({
+            "lookups": 21,
+            "micro_hits": 1,
+            "hits": 2,
+            "misses_compulsory": 3,
+            "misses_capacity": 4,
+            "misses_duplicate": 5,
+            "bytes_read": 6,
+            "bytes_loaded": 16,
+            "footprint_bytes": 8,
+            "pressure": 2.0,
+            "read_s": 0.5,
+            "stall_s": 0.25,
+            "failed": 9,
+        });
+        assert_eq!(serde_json::to_value(row).expect("plain data"), json);
+
+        let file = CacheFile { file: "a.tx".to_owned(), total: row, by_level: vec![row] };
+        json["by_level"] = json!([json]);
+        json["file"] = json!("a.tx");
+        assert_eq!(serde_json::to_value(&file).expect("plain data"), json);
+        let read: CacheFile = serde_json::from_str(&json.to_string()).expect("as written");
+        assert_eq!(read, file);
+
+        let sparse: CacheStats =
+            serde_json::from_str(r#"{"lookups": 7, "new": 1, "by_depth": [{"hits": 3}]}"#)
+                .expect("of another version");
+        assert_eq!(serde_json::to_value(sparse.total).expect("plain data")["lookups"], 7);
+        assert_eq!(serde_json::to_value(&sparse.by_depth).expect("plain data")[0]["hits"], 3);
+    }
+}
