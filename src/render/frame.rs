@@ -144,7 +144,7 @@ pub(super) fn render(
     let mut unreadable = Vec::new();
     if let Some((cache, names)) = textures.store().cache() {
         let cost = cache.stats(names);
-        stats.time.stall_s += cost.total.stall_s;
+        stats.time.stall_s = cost.total.stall_s;
         stats.texture_cache = Some(cost);
         stats.miss_ratio.texture = cache.miss_ratio_curve();
         unreadable = cache.failures();
