@@ -145,6 +145,37 @@ fn a_failed_render_leaves_the_old_image() {
     assert_eq!(names(d.path()), ["a.exr", "lit.pbrt"]);
 }
 
+#[cfg(unix)]
+#[test]
+fn nothing_is_written_over_the_scene() {
+    let d = directory();
+    let at = d.path();
+    for link in ["link.json", "link.exr", "lit.png"] {
+        std::os::unix::fs::symlink("lit.pbrt", at.join(link)).expect("a link");
+    }
+    fs::hard_link(at.join("lit.pbrt"), at.join("hard.json")).expect("a second name");
+    let here = at.display();
+    // The last would write the scene's own name for its image.
+    for line in [
+        "lit.pbrt -o a.exr --stats lit.pbrt",
+        "lit.pbrt -o a.exr --stats ./lit.pbrt",
+        &format!("lit.pbrt -o a.exr --stats {here}/lit.pbrt"),
+        "lit.pbrt -o a.exr --stats link.json",
+        "lit.pbrt -o a.exr --stats hard.json",
+        "lit.pbrt -o lit.pbrt",
+        "lit.pbrt -o a.exr -o link.exr",
+        "link.json -o lit.pbrt",
+        "lit.pbrt",
+    ] {
+        let message = fails(at, line, 2);
+        assert!(message.contains("is the scene too; name another file"), "{line}: {message}");
+    }
+    assert_eq!(fs::read_to_string(at.join("lit.pbrt")).expect("there"), SCENE);
+    assert_eq!(names(at), ["hard.json", "link.exr", "link.json", "lit.pbrt", "lit.png"]);
+    fs::write(at.join("old.json"), "").expect("writable");
+    succeeds(at, "lit.pbrt --spp 1 -o a.exr --stats old.json");
+}
+
 #[test]
 fn diff_gives_its_verdict_as_exit_code() {
     let d = directory();
