@@ -10,6 +10,7 @@ pub mod film;
 pub mod geometry;
 pub mod integrator;
 pub mod math;
+pub mod open;
 pub mod prepare;
 pub mod render;
 pub mod replace;

@@ -5,6 +5,10 @@
 
 #[cfg(feature = "embree")]
 mod frame;
+#[cfg(feature = "embree")]
+mod job;
+#[cfg(feature = "embree")]
+mod load;
 
 use crate::error::Result;
 use crate::film::Image;

@@ -16,6 +16,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use std::ffi::OsString;
 use std::io::{self, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::process::ExitCode;
 use weir::error::{Error, Result};
@@ -141,6 +142,16 @@ fn one_line(message: &str) -> String {
         line.push_str(part);
     }
     line + "; see weir --help"
+}
+
+/// Refuses to write a file over the one that is read, by whatever name: `role` is what that one is.
+pub(crate) fn check_not_input(output: &Path, input: &Path, role: &str) -> Result<()> {
+    let file = |path: &Path| std::fs::metadata(path).ok().map(|there| (there.dev(), there.ino()));
+    if file(input).is_some_and(|input| file(output) == Some(input)) {
+        let output = output.display();
+        return Err(Error::Usage(format!("{output}: is the {role} too; name another file to write")));
+    }
+    Ok(())
 }
 
 /// Writes a result to standard output.

@@ -1,7 +1,7 @@
 //! `weir render`: loads, renders, writes images and statistics, and says so.
 
 use crate::cli::progress::Bar;
-use crate::cli::{End, interrupt, note, print, values};
+use crate::cli::{End, check_not_input, interrupt, note, print, values};
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -152,6 +152,8 @@ impl Options {
 pub(crate) fn run(options: &Options) -> Result<End> {
     let start = Instant::now();
     // Before the work, so that none is lost to a name that cannot be written.
+    let mut named = options.output.iter().chain(&options.stats);
+    named.try_for_each(|path| check_not_input(path, &options.scene, "scene"))?;
     options.output.iter().try_for_each(|path| check_writable(path))?;
     options.stats.iter().try_for_each(|path| check_replaceable(path))?;
 
@@ -207,7 +209,9 @@ fn load_and_render(options: &Options, bar: &Bar) -> Result<(f64, SceneDescriptio
         bar.handle().suspend(|| note_warnings(&scene));
     }
     if options.output.is_empty() {
-        check_writable(&default_output(&scene))?;
+        let output = default_output(&scene);
+        check_not_input(&output, &options.scene, "scene")?;
+        check_writable(&output)?;
     }
     interrupt::rendering();
     let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress) };

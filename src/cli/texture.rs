@@ -2,7 +2,7 @@
 //! scene does.
 
 use crate::cli::progress::Bar;
-use crate::cli::{End, interrupt, print, values};
+use crate::cli::{End, check_not_input, interrupt, print, values};
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -112,11 +112,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     let start = Instant::now();
     let (input, output) = (&options.input, &options.output);
     let settings = options.settings()?;
-    let same = |path: &Path| std::fs::canonicalize(path).ok();
-    if same(input).is_some_and(|input| same(output) == Some(input)) {
-        let message = "is the input too; name another file to write";
-        return Err(Error::Usage(format!("{}: {message}", output.display())));
-    }
+    check_not_input(output, input, "input")?;
     let bar = Bar::counting("rows", !options.quiet);
     // The first Ctrl-C ends it: there is nothing to write that is of use.
     interrupt::listen(bar.handle());

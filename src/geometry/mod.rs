@@ -14,6 +14,7 @@ mod tangents;
 
 pub use flat::Surfaces;
 pub use load::{Opacity, SceneGeometry, load};
+pub use patch::blend_corners;
 pub use point::{Needs, SurfacePoint, offset_origin};
 pub use quadric::Quadric;
 pub use tangents::{FootprintEllipse, Tangents};

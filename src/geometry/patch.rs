@@ -10,6 +10,13 @@ fn corners(patches: &Patches, i: u32) -> [DVec3; 4] {
     patches.indices[i as usize].map(|k| Vec3::from_array(patches.positions[k as usize]).as_dvec3())
 }
 
+/// What a patch has at (u, v) of what its corners have, p00 p10 p01 p11.
+#[inline]
+#[must_use]
+pub fn blend_corners([t00, t10, t01, t11]: [Vec2; 4], u: f32, v: f32) -> Vec2 {
+    (t00 * (1.0 - u) + t10 * u) * (1.0 - v) + (t01 * (1.0 - u) + t11 * u) * v
+}
+
 impl Patches {
     /// Bounds of patch `i`: a bilinear patch lies in the hull of its corners.
     #[must_use]
@@ -24,8 +31,7 @@ impl Patches {
         if self.uvs.is_empty() {
             return Vec2::new(u, v);
         }
-        let [t00, t10, t01, t11] = self.indices[i as usize].map(|k| Vec2::from(self.uvs[k as usize]));
-        (t00 * (1.0 - u) + t10 * u) * (1.0 - v) + (t01 * (1.0 - u) + t11 * u) * v
+        blend_corners(self.indices[i as usize].map(|k| Vec2::from(self.uvs[k as usize])), u, v)
     }
 
     /// Position and partial derivatives at (u, v).

@@ -3,6 +3,7 @@
 //! attributes that the caller needs.
 
 use super::flat::{Flat, Surfaces};
+use super::quadric::{Quadric, QuadricPoint};
 use super::{Mesh, Patches, SurfaceShape, vec3};
 use crate::accel::{Hit, NONE, Ray};
 use crate::math::{Frame, gamma};
@@ -152,13 +153,7 @@ impl Surfaces<'_> {
         match &surface.shape {
             SurfaceShape::Patches(patches) => patch_point(patches, hit, sign),
             SurfaceShape::Quadric(q) => {
-                let (mut o, mut d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-                if hit.instance != NONE {
-                    let inverse = &self.geometry.instances[hit.instance as usize].to_world.inv;
-                    o = inverse.transform_point3(o);
-                    d = inverse.transform_vector3(d);
-                }
-                let at = q.at(o + d * f64::from(hit.t));
+                let at = self.on_quadric(q, hit, ray);
                 let p = at.p.as_vec3();
                 let ng = at.n.as_vec3() * sign;
                 SurfacePoint {
@@ -173,6 +168,17 @@ impl Surfaces<'_> {
             }
             SurfaceShape::Mesh(_) => unreachable!("meshes are handled by the caller"),
         }
+    }
+
+    /// Where `ray` met the quadric `q`, in the space of the hit's instance.
+    pub(super) fn on_quadric(&self, q: &Quadric, hit: &Hit, ray: &Ray) -> QuadricPoint {
+        let (mut o, mut d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        if hit.instance != NONE {
+            let inverse = &self.geometry.instances[hit.instance as usize].to_world.inv;
+            o = inverse.transform_point3(o);
+            d = inverse.transform_vector3(d);
+        }
+        q.at(o + d * f64::from(hit.t))
     }
 
     /// From an instance's space to the world.

@@ -80,13 +80,7 @@ impl Surfaces<'_> {
             SurfaceShape::Mesh(mesh) => mesh_tangents(mesh, hit),
             SurfaceShape::Patches(patches) => patch_tangents(patches, hit),
             SurfaceShape::Quadric(q) => {
-                let (mut o, mut d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-                if hit.instance != NONE {
-                    let inverse = &self.geometry.instances[hit.instance as usize].to_world.inv;
-                    o = inverse.transform_point3(o);
-                    d = inverse.transform_vector3(d);
-                }
-                let at = q.at(o + d * f64::from(hit.t));
+                let at = self.on_quadric(q, hit, ray);
                 Tangents { along: [at.dpdu.as_vec3a(), at.dpdv.as_vec3a()], duv: [Vec2::X, Vec2::Y] }
             }
         };

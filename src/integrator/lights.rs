@@ -7,7 +7,7 @@
 
 use crate::accel::Ray;
 use crate::color::Rgb;
-use crate::geometry::{SurfacePoint, offset_origin};
+use crate::geometry::{SurfacePoint, blend_corners, offset_origin};
 use crate::integrator::light::cylinder::Cylinder;
 use crate::integrator::light::delta::DeltaLight;
 use crate::integrator::light::disk::Disk;
@@ -314,8 +314,7 @@ impl Lights {
             }
             Place::Patch(_) => {
                 let (u, v) = (s.b0, s.b1);
-                let Some([t00, t10, t01, t11]) = self.corner_uvs(light) else { return Vec2::new(u, v) };
-                (t00 * (1.0 - u) + t10 * u) * (1.0 - v) + (t01 * (1.0 - u) + t11 * u) * v
+                self.corner_uvs(light).map_or(Vec2::new(u, v), |corners| blend_corners(corners, u, v))
             }
             _ => Vec2::new(s.b0, s.b1),
         }

@@ -1,14 +1,14 @@
 //! A cache's record as text: what was asked for, what it cost and why, and what another size would do.
 
 use super::{bytes, count, seconds};
-use crate::stats::{CacheRow, CacheStats};
+use crate::stats::{CacheCounts, CacheStats};
 use std::io::{self, Write};
 
 /// Files that are listed: those that read most.
 const FILES: usize = 8;
 
 pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Result<()> {
-    let c = &stats.total;
+    let (row, c) = (&stats.total, &stats.total.counts);
     writeln!(
         out,
         "textures  budget {}, peak {}; beside it {} of indices and {} of buffer a thread",
@@ -23,7 +23,7 @@ pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Resul
         count(c.lookups as f64),
         share(c.micro_hits, c.lookups),
         share(c.hits, c.lookups),
-        share(c.misses_compulsory + c.misses_capacity + c.misses_duplicate, c.lookups)
+        share(c.misses(), c.lookups)
     )?;
     writeln!(
         out,
@@ -31,15 +31,15 @@ pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Resul
         count(c.misses_compulsory as f64),
         count(c.misses_capacity as f64),
         count(c.misses_duplicate as f64),
-        seconds(c.read_s),
-        seconds(c.stall_s)
+        seconds(row.read_s),
+        seconds(row.stall_s)
     )?;
     writeln!(
         out,
         "          footprint {}, loaded {} (pressure {:.2}), {} read from files",
         bytes(c.footprint_bytes),
         bytes(c.bytes_loaded),
-        c.pressure,
+        row.pressure,
         bytes(c.bytes_read)
     )?;
     if let Some(k) = stats.knee {
@@ -52,28 +52,27 @@ pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Resul
             k.pressure_at_half
         )?;
     }
-    let used = |rows: &[CacheRow]| rows.iter().rposition(|r| r.lookups > 0).map_or(0, |last| last + 1);
-    for (depth, row) in stats.by_depth.iter().enumerate().take(used(&stats.by_depth)) {
+    let used = |rows: &[CacheCounts]| rows.iter().rposition(|r| r.lookups > 0).map_or(0, |last| last + 1);
+    let depths: Vec<CacheCounts> = stats.by_depth.iter().map(|row| row.counts).collect();
+    for (depth, row) in depths.iter().enumerate().take(used(&depths)) {
         writeln!(out, "  depth {depth:2}  {}", line(row))?;
     }
-    let mut levels: Vec<CacheRow> = Vec::new();
+    let mut levels: Vec<CacheCounts> = Vec::new();
     for file in &stats.by_file {
-        levels.resize(levels.len().max(file.by_level.len()), CacheRow::default());
+        levels.resize(levels.len().max(file.by_level.len()), CacheCounts::default());
         for (sum, row) in levels.iter_mut().zip(&file.by_level) {
-            sum.lookups += row.lookups;
-            sum.misses_compulsory += row.misses_compulsory;
-            sum.misses_capacity += row.misses_capacity;
-            sum.bytes_loaded += row.bytes_loaded;
-            sum.footprint_bytes += row.footprint_bytes;
+            sum.add(&row.counts);
         }
     }
     for (level, row) in levels.iter().enumerate().take(used(&levels)) {
         writeln!(out, "  level {level:2}  {}", line(row))?;
     }
     let mut files: Vec<_> = stats.by_file.iter().collect();
-    files.sort_by(|a, b| b.total.bytes_loaded.cmp(&a.total.bytes_loaded).then(a.file.cmp(&b.file)));
+    files.sort_by(|a, b| {
+        b.total.counts.bytes_loaded.cmp(&a.total.counts.bytes_loaded).then(a.file.cmp(&b.file))
+    });
     for file in files.iter().take(FILES) {
-        writeln!(out, "  {}: {}", file.file, line(&file.total))?;
+        writeln!(out, "  {}: {}", file.file, line(&file.total.counts))?;
     }
     if files.len() > FILES {
         writeln!(out, "  and {} files that read less", files.len() - FILES)?;
@@ -85,11 +84,11 @@ fn share(part: u64, whole: u64) -> String {
     format!("{:.2} %", part as f64 / whole.max(1) as f64 * 100.0)
 }
 
-fn line(row: &CacheRow) -> String {
+fn line(row: &CacheCounts) -> String {
     format!(
         "{} look-ups, {} tiles read, {} of them again, {} loaded, footprint {}",
         count(row.lookups as f64),
-        count((row.misses_compulsory + row.misses_capacity) as f64),
+        count(row.reads() as f64),
         count(row.misses_capacity as f64),
         bytes(row.bytes_loaded),
         bytes(row.footprint_bytes)

@@ -456,6 +456,10 @@ pub enum Texture {
 }
 
 impl Texture {
+    /// Most textures that one look-up may visit: expressions share parts, so a page of text can name
+    /// more than any machine evaluates.
+    pub const MAX_NODES: u64 = 100_000;
+
     /// The textures that this one is made of.
     #[must_use]
     pub fn parts(&self) -> [Option<TextureId>; 3] {

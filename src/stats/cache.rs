@@ -5,7 +5,8 @@
 use serde::{Deserialize, Serialize};
 
 /// Counts of one mip level, of one ray depth, or of any sum of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct CacheCounts {
     /// Tiles asked for.
     pub lookups: u64,
@@ -26,8 +27,10 @@ pub struct CacheCounts {
     /// Bytes brought in for the first time, decoded: unique bytes touched.
     pub footprint_bytes: u64,
     /// Time spent reading and decoding.
+    #[serde(skip)]
     pub read_ns: u64,
     /// Time spent waiting: for another thread's read, or for room.
+    #[serde(skip)]
     pub stall_ns: u64,
     /// Reads that failed; they count as misses and as loaded too, since what stands in for them does.
     pub failed: u64,
@@ -81,50 +84,24 @@ impl CacheCounts {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct CacheRow {
-    /// As in [`CacheCounts`].
-    pub lookups: u64,
-    /// As in [`CacheCounts`].
-    pub micro_hits: u64,
-    /// As in [`CacheCounts`].
-    pub hits: u64,
-    /// As in [`CacheCounts`].
-    pub misses_compulsory: u64,
-    /// As in [`CacheCounts`].
-    pub misses_capacity: u64,
-    /// As in [`CacheCounts`].
-    pub misses_duplicate: u64,
-    /// As in [`CacheCounts`].
-    pub bytes_read: u64,
-    /// As in [`CacheCounts`].
-    pub bytes_loaded: u64,
-    /// As in [`CacheCounts`].
-    pub footprint_bytes: u64,
+    /// The counts, without their nanoseconds: these are 0, and stand below as seconds.
+    #[serde(flatten)]
+    pub counts: CacheCounts,
     /// `bytes_loaded` over `footprint_bytes`: 1 is ideal, 2 fine, 10 bad; 0 where nothing was read.
     pub pressure: f64,
     /// Time spent reading and decoding \[s\], summed over threads.
     pub read_s: f64,
     /// Time spent waiting for another thread's read or for room \[s\], summed over threads.
     pub stall_s: f64,
-    /// Reads that failed.
-    pub failed: u64,
 }
 
 impl From<&CacheCounts> for CacheRow {
     fn from(c: &CacheCounts) -> Self {
         Self {
-            lookups: c.lookups,
-            micro_hits: c.micro_hits,
-            hits: c.hits,
-            misses_compulsory: c.misses_compulsory,
-            misses_capacity: c.misses_capacity,
-            misses_duplicate: c.misses_duplicate,
-            bytes_read: c.bytes_read,
-            bytes_loaded: c.bytes_loaded,
-            footprint_bytes: c.footprint_bytes,
+            counts: CacheCounts { read_ns: 0, stall_ns: 0, ..*c },
             pressure: super::per_second(c.bytes_loaded as f64, c.footprint_bytes as f64),
             read_s: c.read_ns as f64 * 1e-9,
             stall_s: c.stall_ns as f64 * 1e-9,
-            failed: c.failed,
         }
     }
 }
@@ -185,4 +162,59 @@ pub struct MissRatios {
     pub texture: Vec<(u64, f64)>,
     /// Of the geometry cache.
     pub geometry: Vec<(u64, f64)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// The keys are a contract: other programs read them.
+    #[test]
+    fn a_row_has_the_keys_of_the_contract_and_comes_back() {
+        let counts = CacheCounts {
+            lookups: 21,
+            micro_hits: 1,
+            hits: 2,
+            misses_compulsory: 3,
+            misses_capacity: 4,
+            misses_duplicate: 5,
+            bytes_read: 6,
+            bytes_loaded: 16,
+            footprint_bytes: 8,
+            read_ns: 500_000_000,
+            stall_ns: 250_000_000,
+            failed: 9,
+        };
+        let row = CacheRow::from(&counts);
+        let mut json = json!({
+            "lookups": 21,
+            "micro_hits": 1,
+            "hits": 2,
+            "misses_compulsory": 3,
+            "misses_capacity": 4,
+            "misses_duplicate": 5,
+            "bytes_read": 6,
+            "bytes_loaded": 16,
+            "footprint_bytes": 8,
+            "pressure": 2.0,
+            "read_s": 0.5,
+            "stall_s": 0.25,
+            "failed": 9,
+        });
+        assert_eq!(serde_json::to_value(row).expect("plain data"), json);
+
+        let file = CacheFile { file: "a.tx".to_owned(), total: row, by_level: vec![row] };
+        json["by_level"] = json!([json]);
+        json["file"] = json!("a.tx");
+        assert_eq!(serde_json::to_value(&file).expect("plain data"), json);
+        let read: CacheFile = serde_json::from_str(&json.to_string()).expect("as written");
+        assert_eq!(read, file);
+
+        let sparse: CacheStats =
+            serde_json::from_str(r#"{"lookups": 7, "new": 1, "by_depth": [{"hits": 3}]}"#)
+                .expect("of another version");
+        assert_eq!(serde_json::to_value(sparse.total).expect("plain data")["lookups"], 7);
+        assert_eq!(serde_json::to_value(&sparse.by_depth).expect("plain data")[0]["hits"], 3);
+    }
 }

@@ -29,22 +29,18 @@ pub struct Counters {
     pub occluded: u64,
     /// Processor time spent working, in nanoseconds.
     pub busy_nanoseconds: u64,
-    /// Time spent waiting for data, in nanoseconds.
-    pub stall_nanoseconds: u64,
 }
 
 impl Counters {
     /// Adds another thread's counters.
     pub fn merge(&mut self, other: &Self) {
         // Destructured, so that a new counter breaks the build until it is merged.
-        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds, stall_nanoseconds } =
-            *other;
+        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds } = *other;
         self.samples += samples;
         self.non_finite_samples += non_finite_samples;
         self.closest += closest;
         self.occluded += occluded;
         self.busy_nanoseconds += busy_nanoseconds;
-        self.stall_nanoseconds += stall_nanoseconds;
     }
 }
 
@@ -148,7 +144,7 @@ pub struct TimeStats {
     pub total_s: f64,
     /// From the start to the first finished pixel sample.
     pub first_pixel_s: f64,
-    /// Threads waiting for data, summed.
+    /// Threads waiting for tiles of textures that others read, or for room for them, summed.
     pub stall_s: f64,
 }
 
@@ -200,8 +196,7 @@ impl RenderStats {
     /// Fills in what follows from merged counters and from `time.render_s`, `threads` and
     /// `memory.peak_accounted`, which must be set before; reads the process's peak memory.
     pub fn finish(&mut self, counters: &Counters) {
-        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds, stall_nanoseconds } =
-            *counters;
+        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds } = *counters;
         self.image.samples = samples;
         self.image.non_finite_samples = non_finite_samples;
         self.rays = RayStats {
@@ -209,7 +204,6 @@ impl RenderStats {
             occluded,
             per_second: per_second((closest + occluded) as f64, self.time.render_s),
         };
-        self.time.stall_s = stall_nanoseconds as f64 * 1e-9;
         // Two clocks, so the quotient may pass one by their granularity.
         self.busy =
             per_second(busy_nanoseconds as f64 * 1e-9, self.time.render_s * self.threads as f64).min(1.0);
@@ -240,24 +234,11 @@ mod tests {
 
     #[test]
     fn merging_adds_every_counter() {
-        let a = Counters {
-            samples: 1,
-            non_finite_samples: 2,
-            closest: 3,
-            occluded: 4,
-            busy_nanoseconds: 5,
-            stall_nanoseconds: 6,
-        };
+        let a = Counters { samples: 1, non_finite_samples: 2, closest: 3, occluded: 4, busy_nanoseconds: 5 };
         let mut sum = a;
         sum.merge(&a);
-        let twice = Counters {
-            samples: 2,
-            non_finite_samples: 4,
-            closest: 6,
-            occluded: 8,
-            busy_nanoseconds: 10,
-            stall_nanoseconds: 12,
-        };
+        let twice =
+            Counters { samples: 2, non_finite_samples: 4, closest: 6, occluded: 8, busy_nanoseconds: 10 };
         assert_eq!(sum, twice);
     }
 
@@ -272,14 +253,12 @@ mod tests {
             closest: 3000,
             occluded: 1000,
             busy_nanoseconds: 6_000_000_000,
-            stall_nanoseconds: 500_000_000,
         };
         stats.finish(&counters);
         assert_eq!(stats.busy, 0.75);
         assert_eq!(stats.rays.per_second, 1000.0);
         assert_eq!(stats.samples_per_second(), 200.0);
         assert_eq!((stats.image.samples, stats.image.non_finite_samples), (800, 1));
-        assert_eq!(stats.time.stall_s, 0.5);
         if let Some(rss) = stats.memory.peak_rss {
             assert_eq!(stats.memory.unaccounted, Some(rss as i64 - 1000));
         }

@@ -14,8 +14,8 @@
 
 use super::convert::fingerprint::{self, Stamp, VERSION, encoding_text};
 use super::convert::{self, Compression, Container, Failure, Settings, Watch, WrapMode};
-use super::open::open_entry;
 use crate::error::{Error, Result};
+use crate::open::open_entry;
 use crate::replace::{replace_entry_unsynced, try_replace_entry};
 use crate::scene::Encoding;
 use rustix::fs::OFlags;

@@ -41,10 +41,6 @@ impl TextureCoordinates {
     }
 }
 
-/// Most nodes that one lookup may evaluate: expressions share parts, so a page of text can name
-/// more than any machine evaluates.
-const MAX_NODES: u64 = 100_000;
-
 /// What is known of a texture before it is evaluated.
 #[derive(Clone, Copy, Default)]
 struct Known {
@@ -68,7 +64,7 @@ impl Textures {
     /// whatever the scene says.
     ///
     /// # Errors
-    /// [`Error::Usage`] for an expression of more than 100,000 nodes.
+    /// [`Error::Usage`] for an expression of more than [`Texture::MAX_NODES`].
     pub fn new(mut nodes: Vec<Texture>, store: TextureStore, filter: Option<TextureFilter>) -> Result<Self> {
         if let Some(asked) = filter {
             for node in &mut nodes {
@@ -80,11 +76,12 @@ impl Textures {
         let mut known: Vec<Known> = Vec::with_capacity(nodes.len());
         for node in &nodes {
             let k = know(node, |t| known.get(t.index()).copied().unwrap_or_default());
-            if k.nodes > MAX_NODES {
+            if k.nodes > Texture::MAX_NODES {
                 return Err(Error::Usage(format!(
-                    "texture {} of the scene is made of {} others; {MAX_NODES} at most",
+                    "texture {} of the scene is made of {} others; {} at most",
                     known.len(),
-                    k.nodes
+                    k.nodes,
+                    Texture::MAX_NODES
                 )));
             }
             known.push(k);

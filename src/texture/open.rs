@@ -1,33 +1,17 @@
-//! Opens images for reading. Invariant: what is opened is a regular file, and nothing is waited for:
-//! a pipe that nobody writes to would otherwise hold the program before it can be asked what it is.
+//! Opens images for reading. Never looks at what is in them.
 
 use crate::error::{Error, Result};
-use rustix::fs::OFlags;
-use std::fs::{File, OpenOptions};
-use std::os::unix::fs::OpenOptionsExt;
+use crate::open;
+use std::fs::File;
 use std::path::Path;
 
-/// Opens the regular file `path`, through symbolic links.
+/// Opens the regular file `path`, through symbolic links, and waits for nothing.
 ///
 /// # Errors
 /// [`Error::Io`] when it cannot be opened; [`Error::Input`] when it is of another kind.
 pub(crate) fn open_regular(path: &Path) -> Result<File> {
-    let io = |e| Error::io(path, e);
-    let file = open(path, OFlags::NONBLOCK).map_err(io)?;
-    if !file.metadata().map_err(io)?.is_file() {
-        return Err(Error::file(path, "not a regular file; an image is needed"));
-    }
-    Ok(file)
-}
-
-/// Opens what is at `path` itself if that is a regular file: not what a symbolic link there names.
-pub(super) fn open_entry(path: &Path) -> std::io::Result<File> {
-    let file = open(path, OFlags::NONBLOCK | OFlags::NOFOLLOW)?;
-    if file.metadata()?.is_file() { Ok(file) } else { Err(std::io::Error::other("not a regular file")) }
-}
-
-fn open(path: &Path, flags: OFlags) -> std::io::Result<File> {
-    OpenOptions::new().read(true).custom_flags(flags.bits() as i32).open(path)
+    let file = open::open_regular(path).map_err(|e| Error::io(path, e))?;
+    file.ok_or_else(|| Error::file(path, "not a regular file; an image is needed"))
 }
 
 #[cfg(test)]

@@ -108,8 +108,6 @@ pub struct TextureStore {
     names: Vec<PathBuf>,
     /// What a person should know of tiled copies that were made.
     notes: Vec<String>,
-    /// What all tiles of all files would take in the cache.
-    tiles: u64,
 }
 
 impl TextureStore {
@@ -180,11 +178,8 @@ impl TextureStore {
         for ((i, _), stored) in plain.into_iter().zip(decoded) {
             images[i] = Some(Image::Whole(stored?));
         }
-        let mut store = Self { images, cache: None, names, notes, tiles: 0 };
+        let mut store = Self { images, cache: None, names, notes };
         if !tiled.is_empty() {
-            // Twice a tile's cost is what one thread needs at least.
-            let cost = |t: &dyn TileSource| u64::from(t.tile_count()) * (least_budget(t.tile_bytes(), 1) / 2);
-            store.tiles = tiled.iter().map(|t| cost(&**t)).sum();
             let budget = options.budget - store.bytes();
             let options = CacheOptions { budget, threads: options.threads, latency: options.latency };
             store.cache = Some(Box::new(TileCache::new(tiled, options)?));
@@ -204,7 +199,6 @@ impl TextureStore {
             cache: None,
             names: Vec::new(),
             notes: Vec::new(),
-            tiles: 0,
         })
     }
 
@@ -289,7 +283,7 @@ impl TextureStore {
     /// Whether no tile ever has to go to make room for another.
     #[must_use]
     pub fn all_tiles_fit(&self) -> bool {
-        self.cache.as_ref().is_none_or(|cache| self.tiles <= cache.budget())
+        self.cache.as_ref().is_none_or(|cache| cache.fits_all())
     }
 
     /// Bytes that the texels of all levels would take, were all of them in memory.
@@ -304,10 +298,7 @@ impl TextureStore {
 }
 
 fn decode(source: &ImageSource, encoding: Encoding, need: ImageNeeds) -> Result<Stored> {
-    let data = read_image(&source.path).map_err(|e| match e {
-        Error::Resource(_) => e,
-        e => Error::at(&source.at, format!("image {e}")),
-    })?;
+    let data = read_image(&source.path).map_err(find::placed(source))?;
     store(data, encoding, need.mip_levels)
         .map_err(|e| Error::Resource(format!("{}: no memory for its texels: {e}", source.path.display())))
 }

@@ -145,6 +145,37 @@ fn a_failed_render_leaves_the_old_image() {
     assert_eq!(names(d.path()), ["a.exr", "lit.pbrt"]);
 }
 
+#[cfg(unix)]
+#[test]
+fn nothing_is_written_over_the_scene() {
+    let d = directory();
+    let at = d.path();
+    for link in ["link.json", "link.exr", "lit.png"] {
+        std::os::unix::fs::symlink("lit.pbrt", at.join(link)).expect("a link");
+    }
+    fs::hard_link(at.join("lit.pbrt"), at.join("hard.json")).expect("a second name");
+    let here = at.display();
+    // The last would write the scene's own name for its image.
+    for line in [
+        "lit.pbrt -o a.exr --stats lit.pbrt",
+        "lit.pbrt -o a.exr --stats ./lit.pbrt",
+        &format!("lit.pbrt -o a.exr --stats {here}/lit.pbrt"),
+        "lit.pbrt -o a.exr --stats link.json",
+        "lit.pbrt -o a.exr --stats hard.json",
+        "lit.pbrt -o lit.pbrt",
+        "lit.pbrt -o a.exr -o link.exr",
+        "link.json -o lit.pbrt",
+        "lit.pbrt",
+    ] {
+        let message = fails(at, line, 2);
+        assert!(message.contains("is the scene too; name another file"), "{line}: {message}");
+    }
+    assert_eq!(fs::read_to_string(at.join("lit.pbrt")).expect("there"), SCENE);
+    assert_eq!(names(at), ["hard.json", "link.exr", "link.json", "lit.pbrt", "lit.png"]);
+    fs::write(at.join("old.json"), "").expect("writable");
+    succeeds(at, "lit.pbrt --spp 1 -o a.exr --stats old.json");
+}
+
 #[test]
 fn diff_gives_its_verdict_as_exit_code() {
     let d = directory();
@@ -191,6 +222,61 @@ fn a_closed_pipe_is_no_error() {
     let output = child.wait_with_output().expect("it ends");
     assert_eq!(output.status.code(), Some(0));
     assert!(output.stderr.is_empty(), "{}", text(&output.stderr));
+}
+
+/// What stands in the place of a file and is none, by name: pipes, directories, sockets.
+#[cfg(unix)]
+fn put_no_file(at: &Path, kind: &str, name: &str) {
+    let path = at.join(name);
+    match kind {
+        "pipe" => {
+            let mode = rustix::fs::Mode::from_raw_mode(0o600);
+            rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, mode, 0).expect("a pipe");
+        }
+        "directory" => fs::create_dir(&path).expect("a directory"),
+        _ => drop(std::os::unix::net::UnixListener::bind(&path).expect("a socket")),
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_file_is_refused_and_not_waited_for() {
+    for kind in ["pipe", "directory", "socket"] {
+        let d = directory();
+        let at = d.path();
+        for name in ["a.pbrt", "a.pbrt.gz", "a.obj", "a.ply", "a.ply.gz", "a.png", "a.tx"] {
+            put_no_file(at, kind, name);
+            for command in ["info", "render"] {
+                if command == "render" && matches!(name, "a.png" | "a.tx") {
+                    continue;
+                }
+                let message = fails_soon(weir(at, [command, name]));
+                assert!(message.starts_with(name) && message.contains("regular file"), "{kind}: {message}");
+            }
+        }
+        fs::write(at.join("outer.pbrt"), "Include \"a.pbrt\"\n").expect("writable");
+        let message = fails_soon(weir(at, ["info", "outer.pbrt"]));
+        assert!(message.starts_with("outer.pbrt:1:") && message.contains("no file"), "{kind}: {message}");
+    }
+}
+
+/// Ends with 2 before anybody would think that it waits, and says why in one line.
+#[cfg(unix)]
+fn fails_soon(mut command: Command) -> String {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("weir starts");
+    let start = Instant::now();
+    while child.try_wait().expect("our child").is_none() {
+        if start.elapsed() > Duration::from_secs(30) {
+            let _ = child.kill();
+            panic!("{command:?} waits");
+        }
+        sleep(Duration::from_millis(5));
+    }
+    let output = child.wait_with_output().expect("our child");
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{command:?}: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "{command:?}: {message}");
+    message
 }
 
 #[cfg(target_os = "linux")]

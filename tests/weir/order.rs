@@ -5,10 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Left is imported by right (design.md, "Rooms").
-const ORDER: [&str; 19] = [
+const ORDER: [&str; 20] = [
     "math",
     "color",
     "error",
+    "open",
     "replace",
     "settings",
     "stats",

@@ -150,6 +150,7 @@ pub(crate) fn named_budget(message: &str) -> u64 {
 
 /// Look-ups, hits of both kinds, misses of three causes, bytes of the footprint, failures.
 fn numbers(row: &CacheRow) -> [u64; 10] {
+    let row = &row.counts;
     [
         row.lookups,
         row.micro_hits,
@@ -172,13 +173,12 @@ fn sum<'a>(rows: impl IntoIterator<Item = &'a CacheRow>) -> [u64; 10] {
 /// What holds in every run.
 #[track_caller]
 fn assert_sound(cache: &CacheStats, budget: u64) {
-    let t = &cache.total;
+    let t = &cache.total.counts;
     assert!(0 < cache.peak && cache.peak <= cache.budget && cache.budget <= budget, "{cache:?}");
-    let misses = t.misses_compulsory + t.misses_capacity + t.misses_duplicate;
-    assert_eq!(t.lookups, t.micro_hits + t.hits + misses);
+    assert_eq!(t.lookups, t.micro_hits + t.hits + t.misses());
     assert!(t.misses_compulsory > 0 && t.bytes_read > 0 && t.failed == 0);
-    assert!(t.footprint_bytes <= t.bytes_loaded && (t.misses_capacity > 0 || t.pressure == 1.0));
-    let total = numbers(t);
+    assert!(t.footprint_bytes <= t.bytes_loaded && (t.misses_capacity > 0 || cache.total.pressure == 1.0));
+    let total = numbers(&cache.total);
     assert_eq!(sum(cache.by_file.iter().map(|f| &f.total)), total, "by file");
     assert_eq!(sum(cache.by_file.iter().flat_map(|f| &f.by_level)), total, "by level");
     assert_eq!(sum(&cache.by_depth), total, "by depth");
@@ -206,7 +206,7 @@ fn same_at_every_budget(
             assert_eq!(different, 0, "pixels differ: {what}");
             let cache = outcome.stats.texture_cache.unwrap_or_else(|| panic!("no tile was read: {what}"));
             assert_sound(&cache, budget);
-            let t = &cache.total;
+            let t = &cache.total.counts;
             // The look-ups are the picture's; only what they cost is the budget's.
             let now = [t.lookups, t.misses_compulsory, t.footprint_bytes];
             assert_eq!(*asked.get_or_insert(now), now, "{what}");
@@ -310,7 +310,7 @@ fn one_run_predicts_the_misses_of_five_other_sizes() {
         };
         let stats = rendered(&scene, &with(6 << 20)).stats;
         let cache = stats.texture_cache.expect("tiles");
-        let (lookups, footprint) = (cache.total.lookups as f64, cache.total.footprint_bytes);
+        let (lookups, footprint) = (cache.total.counts.lookups as f64, cache.total.counts.footprint_bytes);
         assert!(footprint > 20_000_000, "a footprint of {footprint} bytes says little");
         let curve = stats.miss_ratio.texture;
         assert!(
@@ -323,8 +323,8 @@ fn one_run_predicts_the_misses_of_five_other_sizes() {
             assert!(size.abs_diff(target) < target / 8, "the curve has no {target}");
             let other = rendered(&scene, &with(size)).stats.texture_cache.expect("tiles");
             assert_sound(&other, size);
-            assert_eq!(other.total.lookups as f64, lookups);
-            let reads = other.total.misses_compulsory + other.total.misses_capacity;
+            assert_eq!(other.total.counts.lookups as f64, lookups);
+            let reads = other.total.counts.reads();
             let measured = reads as f64 / lookups;
             let relative = predicted / measured - 1.0;
             eprintln!(
@@ -360,7 +360,7 @@ fn a_forced_latency_takes_its_time_and_changes_nothing_else() {
         };
         let slow = rendered(&scene, &slow);
         let cache = slow.stats.texture_cache.expect("tiles");
-        let reads = cache.total.misses_compulsory + cache.total.misses_capacity;
+        let reads = cache.total.counts.reads();
         assert!(reads >= 10, "{reads} reads say little");
         assert!(cache.total.read_s >= latency * reads as f64, "{cache:?}");
         let least = latency * reads as f64 / threads as f64;

@@ -12,6 +12,7 @@ use tiff::tags::Tag;
 use weir::color::luminance;
 use weir::error::Result;
 use weir::math::Vec3;
+use weir::open::open_regular;
 use weir::scene::Encoding;
 use weir::texture::{ImageData, Pixels, read_image};
 
@@ -82,7 +83,7 @@ const MAX_DIRECTORIES: usize = 64;
 
 /// `None` for what is no TIFF, or damaged beyond its first image.
 fn tiff_directories(path: &Path) -> Option<Vec<TiffDirectory>> {
-    let file = std::io::BufReader::new(std::fs::File::open(path).ok()?);
+    let file = std::io::BufReader::new(open_regular(path).ok()??);
     let read = move || {
         let mut decoder = tiff::decoder::Decoder::new(file).ok()?;
         let mut list = Vec::new();

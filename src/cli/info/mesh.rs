@@ -2,10 +2,10 @@
 
 use flate2::read::MultiGzDecoder;
 use std::fmt::Write;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 use weir::error::Result;
+use weir::open::open_regular;
 use weir::scene::ply::read_ply;
 
 /// Longer than headers are.
@@ -57,7 +57,7 @@ struct Header {
 impl Header {
     /// Only what is to be shown: `read_ply` judges.
     fn read(path: &Path) -> Option<Self> {
-        let file = File::open(path).ok()?;
+        let file = open_regular(path).ok()??;
         let mut bytes = Vec::new();
         let is_gzip = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
         if is_gzip {

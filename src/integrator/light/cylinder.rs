@@ -1,7 +1,7 @@
 //! Samples an emitting open cylinder by area. Never intersects.
 
 use super::ShapeSample;
-use super::placed::{Placed, sweep};
+use super::placed::{Placed, swept};
 use crate::math::Transform;
 use glam::{Vec2, Vec3};
 
@@ -25,11 +25,15 @@ impl Cylinder {
         z_max: f32,
         phi_max_degrees: f32,
     ) -> Option<Self> {
-        let placed = Placed::new(object_to_world)?;
-        let phi_max = sweep(phi_max_degrees);
+        let (placed, phi_max) = swept(object_to_world, radius, phi_max_degrees)?;
         let (z_min, z_max) = (z_min.min(z_max), z_min.max(z_max));
-        let valid = radius > 0.0 && radius.is_finite() && z_max > z_min && (z_max - z_min).is_finite();
-        (valid && phi_max > 0.0).then_some(Self { placed, radius, z_min, z_max, phi_max })
+        (z_max > z_min && (z_max - z_min).is_finite()).then_some(Self {
+            placed,
+            radius,
+            z_min,
+            z_max,
+            phi_max,
+        })
     }
 
     fn pdf_area(&self) -> f32 {

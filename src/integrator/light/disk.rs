@@ -2,7 +2,7 @@
 //! intersects.
 
 use super::ShapeSample;
-use super::placed::{Placed, sweep};
+use super::placed::{Placed, swept};
 use crate::math::Transform;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
@@ -43,12 +43,15 @@ impl Disk {
         inner_radius: f32,
         phi_max_degrees: f32,
     ) -> Option<Self> {
-        let placed = Placed::new(object_to_world)?;
-        let phi_max = sweep(phi_max_degrees);
-        let valid =
-            radius > inner_radius.max(0.0) && radius.is_finite() && height.is_finite() && phi_max > 0.0;
+        let (placed, phi_max) = swept(object_to_world, radius, phi_max_degrees)?;
         let inner_radius = inner_radius.max(0.0);
-        valid.then_some(Self { placed, height, radius, inner_radius, phi_max })
+        (radius > inner_radius && height.is_finite()).then_some(Self {
+            placed,
+            height,
+            radius,
+            inner_radius,
+            phi_max,
+        })
     }
 
     fn pdf_area(&self) -> f32 {

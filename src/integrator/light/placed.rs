@@ -87,7 +87,11 @@ impl Placed {
     }
 }
 
-/// Sweeps outside (0°, 360°] as pbrt clamps them, in radians.
-pub(super) fn sweep(phi_max_degrees: f32) -> f32 {
-    phi_max_degrees.clamp(0.0, 360.0).to_radians()
+/// What spheres, disks and cylinders share: their placement and their sweep in radians. `None` where
+/// nothing is swept, the radius is not positive and finite, or the transform cannot be inverted.
+pub(super) fn swept(object_to_world: &Transform, radius: f32, phi_max_degrees: f32) -> Option<(Placed, f32)> {
+    let placed = Placed::new(object_to_world)?;
+    // As pbrt clamps what is outside (0°, 360°].
+    let phi_max = phi_max_degrees.clamp(0.0, 360.0).to_radians();
+    (radius > 0.0 && radius.is_finite() && phi_max > 0.0).then_some((placed, phi_max))
 }

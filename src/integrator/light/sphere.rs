@@ -2,7 +2,7 @@
 //! uniformly within the cone it fills, or over its area from inside; a clipped or stretched one over
 //! its area. Never intersects.
 
-use super::placed::{Placed, sweep};
+use super::placed::{Placed, swept};
 use super::{ShapeSample, per_solid_angle};
 use crate::math::{Frame, Transform, safe_sqrt};
 use glam::{Vec2, Vec3};
@@ -42,18 +42,14 @@ impl Sphere {
         z_max: f32,
         phi_max_degrees: f32,
     ) -> Option<Self> {
-        let placed = Placed::new(object_to_world)?;
-        if !(radius > 0.0 && radius.is_finite()) {
-            return None;
-        }
+        let (placed, phi_max) = swept(object_to_world, radius, phi_max_degrees)?;
         let (low, high) = (z_min.min(z_max).clamp(-radius, radius), z_min.max(z_max).clamp(-radius, radius));
-        let phi_max = sweep(phi_max_degrees);
         let whole = low <= -radius && high >= radius && phi_max_degrees >= 360.0;
         if let (true, Some(scale)) = (whole, placed.uniform_scale()) {
             return Some(Self::Whole { center: placed.origin(), radius: radius * scale });
         }
         let partial = PartialSphere { placed, radius, z_min: low, z_max: high, phi_max };
-        (high > low && phi_max > 0.0).then_some(Self::Partial(partial))
+        (high > low).then_some(Self::Partial(partial))
     }
 
     /// A point of the sphere as seen from `p`, normal outwards. For a clipped or stretched sphere

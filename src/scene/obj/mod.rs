@@ -18,12 +18,12 @@ mod clean;
 mod material;
 
 use crate::error::{Error, Location, Result};
+use crate::open::open_regular;
 use crate::scene::{
     AreaLightId, MaterialId, MeshId, MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh, Warning,
     view,
 };
 use clean::Cleaner;
-use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -105,15 +105,14 @@ fn warn(warnings: &mut Vec<Warning>, file: &Path, message: impl Into<String>) {
 
 fn read_bounded(path: &Path) -> Result<Vec<u8>> {
     let io = |e| Error::io(path, e);
-    let file = File::open(path).map_err(io)?;
-    let meta = file.metadata().map_err(io)?;
-    if !meta.is_file() {
-        return Err(Error::file(path, "not a regular file"));
-    }
-    if meta.len() > MAX_FILE_BYTES {
+    let Some(file) = open_regular(path).map_err(io)? else {
+        return Err(Error::file(path, "not a regular file; an OBJ or MTL file is needed"));
+    };
+    let size = file.metadata().map_err(io)?.len();
+    if size > MAX_FILE_BYTES {
         return Err(Error::file(path, format!("larger than {MAX_FILE_BYTES} bytes")));
     }
-    let mut bytes = Vec::with_capacity(meta.len() as usize);
+    let mut bytes = Vec::with_capacity(size as usize);
     file.take(MAX_FILE_BYTES).read_to_end(&mut bytes).map_err(io)?;
     Ok(bytes)
 }

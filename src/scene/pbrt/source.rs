@@ -3,6 +3,7 @@
 //! [`MAX_GZIP_RATIO`], is an error. Never follows an `Include`: the reader does.
 
 use crate::error::{Error, Location, Result};
+use crate::open::open_regular;
 use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
@@ -33,12 +34,10 @@ impl Source {
             Some(at) => Error::at(at, format!("cannot read \"{shown}\" ({e}); name a readable file")),
             None => Error::io(path, e),
         };
-        let file = std::fs::File::open(path).map_err(io)?;
-        let meta = file.metadata().map_err(io)?;
-        if !meta.is_file() {
+        let Some(file) = open_regular(path).map_err(io)? else {
             return Err(fail(format!("\"{shown}\" is no regular file; name a scene file")));
-        }
-        if meta.len() > MAX_TEXT_BYTES {
+        };
+        if file.metadata().map_err(io)?.len() > MAX_TEXT_BYTES {
             return Err(fail(format!("\"{shown}\" is larger than {} GiB; split it", MAX_TEXT_BYTES >> 30)));
         }
         let mut data = Vec::new();

@@ -34,10 +34,8 @@ struct Weight {
     nodes: u64,
 }
 
-/// Most textures one inside the other, and most of them in one lookup: expressions share parts, so
-/// a page of text can name more than any machine evaluates.
+/// Most textures one inside the other.
 const MAX_DEPTH: u32 = 256;
-const MAX_NODES: u64 = 100_000;
 
 /// Textures declared, waiting and built.
 #[derive(Default)]
@@ -118,10 +116,12 @@ impl Reader {
             weight.depth = weight.depth.max(part.depth + 1);
             weight.nodes = weight.nodes.saturating_add(part.nodes);
         }
-        if weight.depth > MAX_DEPTH || weight.nodes > MAX_NODES {
+        if weight.depth > MAX_DEPTH || weight.nodes > Texture::MAX_NODES {
             let what = format!(
-                "a texture of {} others, {} deep; {MAX_NODES} and {MAX_DEPTH} at most",
-                weight.nodes, weight.depth
+                "a texture of {} others, {} deep; {} and {MAX_DEPTH} at most",
+                weight.nodes,
+                weight.depth,
+                Texture::MAX_NODES
             );
             return Err(Error::at(at, what));
         }

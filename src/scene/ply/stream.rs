@@ -2,8 +2,8 @@
 //! Never holds more than the buffer; never seeks.
 
 use crate::error::{Error, Location, Result};
+use crate::open::open_regular;
 use flate2::bufread::MultiGzDecoder;
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,18 +32,17 @@ pub(super) struct Stream {
 impl Stream {
     pub(super) fn open(path: &Path) -> Result<Self> {
         let io = |e| Error::io(path, e);
-        let file = File::open(path).map_err(io)?;
-        let meta = file.metadata().map_err(io)?;
-        if !meta.is_file() {
+        let Some(file) = open_regular(path).map_err(io)? else {
             return Err(Error::file(path, "not a regular file; a PLY file is needed"));
-        }
+        };
+        let bytes = file.metadata().map_err(io)?.len();
         let zipped = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
         let reader: Box<dyn Read> =
             if zipped { Box::new(MultiGzDecoder::new(BufReader::new(file))) } else { Box::new(file) };
         Ok(Self {
             path: path.to_path_buf(),
             reader,
-            total: (!zipped).then_some(meta.len()),
+            total: (!zipped).then_some(bytes),
             buffer: vec![0; BUFFER_BYTES],
             start: 0,
             end: 0,

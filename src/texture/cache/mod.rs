@@ -16,11 +16,12 @@ mod tile;
 pub use counters::FileCounts;
 pub use source::TileSource;
 pub use thread::ThreadCache;
+pub use tile::least_budget;
 
 use crate::error::{Error, Result};
 use crate::stats::{KeyBuildHasher, StackDistances, sample_hash, spread};
 use lru::LruCache;
-use shard::{Padded, PendingState, Shard};
+use shard::{Abandon, Padded, PendingState, Shard};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -93,13 +94,6 @@ fn key(file: u32, tile: u32) -> u64 {
     u64::from(file) << 32 | u64::from(tile)
 }
 
-/// Least budget for tiles of `tile_bytes` and `threads` threads: two tiles a thread, one that is in
-/// use and one that is being read.
-#[must_use]
-pub fn least_budget(tile_bytes: usize, threads: usize) -> u64 {
-    2 * threads.max(1) as u64 * cost(lines_for(tile_bytes))
-}
-
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // Every critical section leaves the data whole before anything that may panic.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -127,9 +121,10 @@ impl TileCache {
                 file,
             })
             .collect();
-        let largest = files.iter().map(|f| cost(f.lines)).max().unwrap_or(1);
+        let largest_bytes = files.iter().map(|f| f.file.tile_bytes()).max().unwrap_or(0);
+        let largest = cost(lines_for(largest_bytes));
         let threads = options.threads.max(1) as u64;
-        let least = 2 * threads * largest;
+        let least = least_budget(largest_bytes, options.threads);
         if options.budget < least {
             return Err(Error::Usage(format!(
                 "a texture memory of {} bytes is too small: {threads} threads need at least {least} (--texture-memory {least}), two tiles of {largest} each",
@@ -176,6 +171,13 @@ impl TileCache {
     #[must_use]
     pub fn budget(&self) -> u64 {
         self.budget
+    }
+
+    /// Whether no tile ever has to go to make room for another.
+    #[must_use]
+    pub fn fits_all(&self) -> bool {
+        let all = |f: &CachedFile| u64::from(f.file.tile_count()).saturating_mul(cost(f.lines));
+        self.files.iter().map(all).fold(0, u64::saturating_add) <= self.budget
     }
 
     /// Most bytes that tiles have taken at once.
@@ -373,24 +375,6 @@ impl TileCache {
     fn is_sampled(&self, key: u64) -> bool {
         sample_hash(key) <= self.threshold.load(Ordering::Relaxed)
             && (key as u32) < self.files[(key >> 32) as usize].alone
-    }
-}
-
-/// Lets nobody wait for a thread that has panicked.
-struct Abandon<'a> {
-    cache: &'a TileCache,
-    key: u64,
-    reserved: u64,
-}
-
-impl Drop for Abandon<'_> {
-    fn drop(&mut self) {
-        // The lines themselves went before, as locals of the reader do.
-        self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
-        let pending = self.cache.shard(self.key).loading.remove(&self.key);
-        if let Some(pending) = pending {
-            pending.finish(PendingState::Abandoned);
-        }
     }
 }
 

@@ -3,8 +3,8 @@
 //! Invariant: a tile that no thread holds is handed out only under the lock of its shard, so that
 //! who finds it unheld there may take it out.
 
-use super::lock;
 use super::tile::{Lines, Tile};
+use super::{TileCache, lock};
 use crate::stats::KeyBuildHasher;
 use lru::LruCache;
 use std::collections::HashMap;
@@ -77,6 +77,24 @@ impl Pending {
                 PendingState::Abandoned => return None,
             }
             state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Lets nobody wait for a thread that has panicked.
+pub(super) struct Abandon<'a> {
+    pub(super) cache: &'a TileCache,
+    pub(super) key: u64,
+    pub(super) reserved: u64,
+}
+
+impl Drop for Abandon<'_> {
+    fn drop(&mut self) {
+        // The lines themselves went before, as locals of the reader do.
+        self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
+        let pending = self.cache.shard(self.key).loading.remove(&self.key);
+        if let Some(pending) = pending {
+            pending.finish(PendingState::Abandoned);
         }
     }
 }

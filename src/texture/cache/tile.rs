@@ -33,6 +33,13 @@ pub(super) fn cost(lines: usize) -> u64 {
     (lines * size_of::<Line>() + BOOKKEEPING) as u64
 }
 
+/// Least budget for tiles of `tile_bytes` and `threads` threads: two tiles a thread, one that is in
+/// use and one that is being read.
+#[must_use]
+pub fn least_budget(tile_bytes: usize, threads: usize) -> u64 {
+    2 * threads.max(1) as u64 * cost(lines_for(tile_bytes))
+}
+
 /// A resident tile.
 pub(super) struct Tile {
     /// Which mip level of its file it belongs to.

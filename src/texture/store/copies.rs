@@ -2,6 +2,7 @@
 //!
 //! Invariant: a copy stands for its source to the bit. Never decides which images need one.
 
+use super::find::placed;
 use super::{Found, TextureOptions};
 use crate::error::{Error, Result};
 use crate::scene::ImageSource;
@@ -26,23 +27,18 @@ pub(super) fn convert(
         return Ok((found, Vec::new()));
     }
     let dir = options.cache_dir.clone().map_or_else(cache_dir::default_dir, Ok)?;
-    let bytes = |f: &Found| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 };
-    let total: u64 = found.iter().zip(copies).filter(|(_, copy)| **copy).map(|(f, _)| bytes(f)).sum();
+    let total: u64 = found.iter().zip(copies).filter(|(_, copy)| **copy).map(|(f, _)| f.bytes()).sum();
     let mut before = 0;
     let mut notes = Vec::new();
     for ((found, source), _) in found.iter_mut().zip(sources).zip(copies).filter(|(_, copy)| **copy) {
-        let own = bytes(found);
+        let own = found.bytes();
         let report = |rows: u64, of: u64| {
             (watch.progress)(before + (own as f64 * rows as f64 / of.max(1) as f64) as u64, total);
-        };
-        let place = |e| match e {
-            Error::Resource(_) | Error::Interrupted => e,
-            e => Error::at(&source.at, format!("image {e}")),
         };
         let Found::Plain { encoding, .. } = *found else { continue };
         let watch = Watch { progress: &report, ..watch };
         let copy = cache_dir::converted(&dir, &source.path, encoding, options.threads, watch);
-        let copy = copy.map_err(place)?;
+        let copy = copy.map_err(placed(source))?;
         before += own;
         notes.extend(notes_on(&copy, &source.path));
         let file = match TiledFile::open(&copy.path, encoding, files) {

@@ -30,10 +30,25 @@ pub(super) enum Found {
     },
 }
 
+impl Found {
+    /// Bytes when it is decoded as a whole; 0 for what is not.
+    pub(super) fn bytes(&self) -> u64 {
+        if let Self::Plain { bytes, .. } = self { *bytes } else { 0 }
+    }
+}
+
 /// Bytes of images that are decoded as a whole.
 pub(super) fn whole_bytes(found: &[Found]) -> u64 {
-    let bytes = |f: &Found| if let Found::Plain { bytes, .. } = f { *bytes } else { 0 };
-    found.iter().map(bytes).fold(0, u64::saturating_add)
+    found.iter().map(Found::bytes).fold(0, u64::saturating_add)
+}
+
+/// An error about an image, at the place of the scene that asked for it; but nobody there is to blame
+/// for want of memory, or for an end that a person asked for.
+pub(super) fn placed(source: &ImageSource) -> impl Fn(Error) -> Error {
+    move |e| match e {
+        Error::Resource(_) | Error::Interrupted => e,
+        e => Error::at(&source.at, format!("image {e}")),
+    }
 }
 
 /// Looks at one file; with a line that a person should read, if there is one.
@@ -42,17 +57,13 @@ pub(super) fn find(
     need: ImageNeeds,
     files: &Arc<FilePool>,
 ) -> Result<(Found, Option<String>)> {
-    let place = |e| match e {
-        Error::Resource(_) => e,
-        e => Error::at(&source.at, format!("image {e}")),
-    };
     if !need.used {
         return Ok((Found::Unused, None));
     }
     let tiled = match TiledFile::open(&source.path, source.encoding, files) {
         // Whoever reads it as a whole says whether that can be done.
         Err(_) if need.whole => None,
-        tiled => tiled.map_err(place)?,
+        tiled => tiled.map_err(placed(source))?,
     };
     let own = tiled.as_ref().and_then(TiledFile::named);
     let mut note = None;
@@ -71,7 +82,7 @@ pub(super) fn find(
         let opaque = file.is_opaque();
         return Ok((Found::Tiled { file: Box::new(file), opaque }, note));
     }
-    let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(place)?;
+    let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(placed(source))?;
     Ok((Found::Plain { bytes, may_tile: !need.whole, encoding }, note))
 }
 

@@ -1,0 +1,209 @@
+//! The work of a frame: tiles and their passes, handed out to threads, traced and summed.
+//!
+//! Invariant: threads share one counter of work and nothing else that is written; a tile's passes
+//! are summed in order.
+//! Never loads, and never decides what is rendered.
+
+use super::{Control, Progress};
+use crate::accel::Accel;
+use crate::color::Rgb;
+use crate::film::{FilmBuffer, FilterSampler};
+use crate::integrator::path::{Wave, World};
+use crate::integrator::sampler::pixel_key;
+use crate::scene::Film;
+use crate::stats::{self, Counters};
+use crate::texture::TextureStore;
+use glam::Vec2;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Samples of a pixel that are traced together: with 64 pixels a tile, a wave is 1024 paths, some
+/// 100 KB that stay in the second-level cache.
+const PASS: u32 = 16;
+
+/// Passes from which one over the whole film comes first in [`Order::Tiles`]: it reads all textures once
+/// more, which many passes are long enough for.
+const PREVIEW: u64 = 8;
+
+/// Which work comes first. The picture is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Order {
+    /// A pass over the whole film before the next: whenever it is stopped, the image is whole.
+    Passes,
+    /// All passes of a tile before the next tile: what its rays read is read once, and not again for
+    /// every pass. Where passes are many the first still goes over the whole film, so that what is
+    /// stopped is an image; where they are few, tiles that were not reached stay black.
+    Tiles,
+}
+
+/// What the threads share while rendering.
+pub(super) struct Job<'a, A> {
+    pub(super) world: &'a World<'a, A>,
+    pub(super) textures: &'a TextureStore,
+    pub(super) film: &'a Film,
+    pub(super) buffer: FilmBuffer,
+    pub(super) filter: FilterSampler,
+    pub(super) spp: u32,
+    pub(super) seed: u64,
+    /// The next piece of work, in `order`.
+    pub(super) next: AtomicU64,
+    pub(super) order: Order,
+    /// Film tiles along a curve that keeps neighbours together.
+    pub(super) along: Vec<u32>,
+    pub(super) samples: AtomicU64,
+    pub(super) first_pixel: OnceLock<Instant>,
+    pub(super) stopped: AtomicBool,
+    pub(super) control: &'a Control<'a>,
+    pub(super) deadline: Option<f64>,
+    pub(super) start: Instant,
+}
+
+impl<A: Accel> Job<'_, A> {
+    pub(super) fn run(&self, threads: usize) -> Counters {
+        (self.control.progress)(Progress::Phase("rendering"));
+        let mut total = Counters::default();
+        std::thread::scope(|scope| {
+            // A thread that the system refuses is one fewer; this one works in any case.
+            let workers: Vec<_> = (1..threads)
+                .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, || self.work()).ok())
+                .collect();
+            total.merge(&self.work());
+            for w in workers {
+                match w.join() {
+                    Ok(counters) => total.merge(&counters),
+                    Err(panic) => std::panic::resume_unwind(panic),
+                }
+            }
+        });
+        total
+    }
+
+    fn work(&self) -> Counters {
+        let mut counters = Counters::default();
+        let mut wave = Wave::default();
+        let attached = self.textures.attach();
+        let mut scratch = Scratch::default();
+        let tiles = u64::from(self.buffer.tile_count());
+        let passes = u64::from(self.spp.div_ceil(PASS));
+        let total = u64::from(self.spp)
+            * u64::from(self.film.crop[2] - self.film.crop[0])
+            * u64::from(self.film.crop[3] - self.film.crop[1]);
+        let cpu = stats::thread_cpu_seconds();
+        let abandon = AbandonOnPanic(&self.buffer);
+        // Asked before taking work: whoever holds a later pass of a tile waits for the earlier one.
+        'work: while !self.should_stop() {
+            let item = self.next.fetch_add(1, Ordering::Relaxed);
+            let (round, place) = (item / tiles, item % tiles);
+            let work = match self.order {
+                Order::Passes if round < passes => round..round + 1,
+                Order::Tiles if round == 0 && passes >= PREVIEW => 0..1,
+                Order::Tiles if round == 0 => 0..passes,
+                Order::Tiles if round == 1 && passes >= PREVIEW => 1..passes,
+                _ => break,
+            };
+            // They were u32 before they were multiplied.
+            let tile = self.along[place as usize];
+            for pass in work {
+                if !self.tile(tile, pass as u32, &mut wave, &mut scratch, &mut counters) {
+                    break 'work;
+                }
+                let samples = scratch.weights.len() as u64;
+                counters.samples += samples;
+                if self.first_pixel.get().is_none() {
+                    let _ = self.first_pixel.set(Instant::now());
+                }
+                let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
+                // A few times a second at most.
+                if done >> 16 != (done - samples) >> 16 {
+                    (self.control.progress)(Progress::Samples { done, total });
+                }
+            }
+        }
+        drop(abandon);
+        drop(attached);
+        if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
+            counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
+        }
+        counters
+    }
+
+    fn should_stop(&self) -> bool {
+        let stop = self.control.cancel.load(Ordering::Relaxed)
+            || self.deadline.is_some_and(|limit| self.start.elapsed().as_secs_f64() >= limit);
+        if stop {
+            self.stopped.store(true, Ordering::Relaxed);
+        }
+        stop
+    }
+
+    /// One pass over one tile: camera paths for its pixels, run to their end, summed by pixel. False
+    /// when it was stopped on the way, and added nothing.
+    fn tile(
+        &self,
+        tile: u32,
+        pass: u32,
+        wave: &mut Wave,
+        scratch: &mut Scratch,
+        counters: &mut Counters,
+    ) -> bool {
+        let [x0, y0, x1, y1] = self.buffer.rectangle(tile);
+        let samples = pass * PASS..((pass + 1) * PASS).min(self.spp);
+        scratch.weights.clear();
+        for y in y0..y1 {
+            for x in x0..x1 {
+                let key = pixel_key(x, y, self.seed);
+                let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+                let filter = |u: Vec2| self.filter.sample(u);
+                self.world.start(wave, &mut scratch.weights, (centre, key), samples.clone(), filter);
+            }
+        }
+        if !self.world.run(wave, counters, &|| self.should_stop()) {
+            self.buffer.abandon();
+            return false;
+        }
+        scratch.sums.clear();
+        let per_pixel = samples.len();
+        for (radiance, weights) in wave.radiance.chunks(per_pixel).zip(scratch.weights.chunks(per_pixel)) {
+            let mut sum = [0.0f32; 4];
+            for (&l, &w) in radiance.iter().zip(weights) {
+                let l = self.sensor(l, counters);
+                for (s, v) in sum.iter_mut().zip([l.x * w, l.y * w, l.z * w, w]) {
+                    *s += v;
+                }
+            }
+            scratch.sums.push(sum);
+        }
+        self.buffer.add(tile, pass, &scratch.sums)
+    }
+
+    /// Exposure and the bound on a sample's components; what is not finite is counted and black.
+    #[inline(always)]
+    fn sensor(&self, l: Rgb, counters: &mut Counters) -> Rgb {
+        if !l.is_finite() {
+            counters.non_finite_samples += 1;
+            return Rgb::ZERO;
+        }
+        let l = l * self.film.imaging_ratio;
+        let m = l.max_element();
+        if m > self.film.max_component_value { l * (self.film.max_component_value / m) } else { l }
+    }
+}
+
+/// Lets no thread wait for the pass that a panic has taken away.
+struct AbandonOnPanic<'a>(&'a FilmBuffer);
+
+impl Drop for AbandonOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.abandon();
+        }
+    }
+}
+
+/// Buffers of a thread that are reused from tile to tile.
+#[derive(Default)]
+struct Scratch {
+    weights: Vec<f32>,
+    sums: Vec<[f32; 4]>,
+}

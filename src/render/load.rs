@@ -1,0 +1,67 @@
+//! Reads what a scene names, in parallel: meshes, textures, sky images.
+//!
+//! Invariant: texels beside those of sky images stay within the memory that the settings give them.
+//! Never builds what is traced.
+
+use super::{Control, Progress};
+use crate::error::Result;
+use crate::geometry::{self, Opacity, SceneGeometry};
+use crate::integrator::light::env::EnvironmentMap;
+use crate::integrator::lights_build::load_environments;
+use crate::prepare;
+use crate::scene::{SceneDescription, TextureId};
+use crate::settings::RenderSettings;
+use crate::stats;
+use crate::texture::convert::Watch;
+use crate::texture::{Caching, TextureCoordinates, TextureOptions, TextureStore, Textures};
+use glam::{Vec2, Vec3};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Geometry with the masks of its surfaces, textures, and the images of lights.
+pub(super) fn load(
+    scene: &SceneDescription,
+    settings: &RenderSettings,
+    threads: usize,
+    control: &Control<'_>,
+) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
+    let needs = prepare::image_needs(scene);
+    let options = TextureOptions {
+        budget: settings.texture_memory.unwrap_or_else(default_texture_memory),
+        threads,
+        cache_dir: settings.cache_dir.clone(),
+        latency: Duration::from_secs_f64(settings.texture_latency_seconds.max(0.0)),
+        caching: Caching::Direct,
+    };
+    let converting = |done, total| (control.progress)(Progress::Converting { done, total });
+    let watch = Watch { cancel: control.cancel, progress: &converting };
+    let (geometry, (store, environments)) = rayon::join(
+        || geometry::load(scene),
+        || {
+            rayon::join(
+                || TextureStore::load(&scene.images, &needs, &options, watch),
+                || load_environments(scene),
+            )
+        },
+    );
+    let textures = Arc::new(Textures::new(scene.textures.clone(), store?, settings.texture_filter)?);
+    let mut geometry = geometry?;
+    if geometry.surfaces.iter().any(|s| s.alpha.is_some()) {
+        geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
+    }
+    Ok((geometry, textures, environments?))
+}
+
+/// Half of what is free: the other half is for geometry, and for what nobody counts.
+fn default_texture_memory() -> u64 {
+    stats::available_memory_bytes().map_or(1 << 30, |free| free / 2)
+}
+
+/// Opacity by texture, for alpha masks.
+struct TextureOpacity(Arc<Textures>);
+
+impl Opacity for TextureOpacity {
+    fn opacity(&self, texture: TextureId, uv: Vec2, p: Vec3) -> f32 {
+        self.0.eval(texture, &TextureCoordinates::at(uv, p, Vec3::ZERO)).x
+    }
+}
