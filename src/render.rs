@@ -3,11 +3,8 @@
 //! Invariant: the picture depends on the scene, the settings and the seed, never on the number of
 //! threads or on which of them was faster.
 
-#[cfg(feature = "embree")]
 mod frame;
-#[cfg(feature = "embree")]
 mod job;
-#[cfg(feature = "embree")]
 mod load;
 
 use crate::error::Result;
@@ -64,16 +61,8 @@ pub struct Outcome {
 /// Renders `scene`.
 ///
 /// # Errors
-/// A mesh or image that cannot be read, a crop outside the film, Embree out of memory; and always
-/// in a Weir that was built without Embree, which has nothing else to trace with yet.
+/// A mesh or image that cannot be read, a crop outside the film, a backend that is not in this program
+/// or runs out of memory.
 pub fn render(scene: &SceneDescription, settings: &RenderSettings, control: &Control<'_>) -> Result<Outcome> {
-    #[cfg(feature = "embree")]
-    return frame::render(scene, settings, control);
-    #[cfg(not(feature = "embree"))]
-    {
-        let _ = (scene, settings, control);
-        Err(crate::error::Error::Usage(
-            "this Weir was built without Embree and cannot trace; build it with the feature `embree`".into(),
-        ))
-    }
+    frame::render(scene, settings, control)
 }

@@ -2,12 +2,15 @@
 
 use std::path::PathBuf;
 
-/// Which library traverses.
+/// What traverses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Backend {
     /// Embree through FFI.
-    #[default]
+    #[cfg_attr(feature = "embree", default)]
     Embree,
+    /// Our own bounding volume hierarchy.
+    #[cfg_attr(not(feature = "embree"), default)]
+    Native,
 }
 
 /// How direct light is estimated. All three have the same expectation where lights have extent and
@@ -59,7 +62,7 @@ pub struct RenderSettings {
     pub threads: Option<usize>,
     /// Traversal.
     pub backend: Backend,
-    /// Embree's robust mode: fewer misses at edges, 15 to 30 % slower.
+    /// Embree's robust mode (the native hierarchy knows no other): fewer misses at edges, 15 to 30 % slower.
     pub robust: bool,
     /// Stop after so many seconds of rendering.
     pub time_limit_seconds: Option<f64>,

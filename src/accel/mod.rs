@@ -1,10 +1,12 @@
 //! Closest hit and occlusion over slices of geometry. Knows no store, no material and no file.
 //! Whoever builds a [`Accel`] keeps the vertex memory alive; a query allocates nothing.
 
+mod backend;
 pub mod bvh;
 #[cfg(feature = "embree")]
 pub mod embree;
 
+pub use backend::Builder;
 use glam::Vec3;
 
 /// "No geometry", "no instance".
@@ -101,8 +103,8 @@ pub struct InstanceOf {
     pub transform: [f32; 12],
 }
 
-/// Answers rays. Implemented by Embree now; the native BVH takes the same place.
-pub trait Accel: Sync {
+/// Answers rays.
+pub trait Accel: Send + Sync {
     /// The nearest hit.
     fn closest(&self, ray: &Ray) -> Hit;
     /// Whether anything lies in (t_min, t_max).

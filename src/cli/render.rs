@@ -60,9 +60,9 @@ pub(crate) struct Options {
     /// Worker threads; all processors if not given
     #[arg(long, value_name = "N", value_parser = values::threads, allow_negative_numbers = true)]
     threads: Option<usize>,
-    /// What traces rays
-    #[arg(long, value_name = "NAME", default_value = "embree")]
-    backend: BackendName,
+    /// What traces rays: embree where it was built in, else native
+    #[arg(long, value_name = "NAME")]
+    backend: Option<BackendName>,
     /// Fewer rays slip between triangles; 15 to 30 % slower
     #[arg(long)]
     robust: bool,
@@ -98,6 +98,7 @@ enum Switch {
 #[derive(Clone, Copy, ValueEnum)]
 enum BackendName {
     Embree,
+    Native,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -134,7 +135,9 @@ impl Options {
             seed: self.seed,
             threads: self.threads,
             backend: match self.backend {
-                BackendName::Embree => Backend::Embree,
+                None => Backend::default(),
+                Some(BackendName::Embree) => Backend::Embree,
+                Some(BackendName::Native) => Backend::Native,
             },
             robust: self.robust,
             time_limit_seconds: self.time,

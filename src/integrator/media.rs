@@ -11,7 +11,7 @@ use crate::scene::{MediumId, MediumInterface};
 use crate::stats::Counters;
 use glam::Vec3A;
 
-impl<A: Accel> World<'_, A> {
+impl<A: Accel + ?Sized> World<'_, A> {
     /// Continues through surfaces that do not scatter. Each stands for one more ray.
     #[cold]
     pub(super) fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {

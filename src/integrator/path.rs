@@ -36,7 +36,7 @@ pub struct SurfaceShading {
 }
 
 /// Everything a path can meet. Shared by all threads, never written while rendering.
-pub struct World<'a, A> {
+pub struct World<'a, A: ?Sized> {
     /// Traversal.
     pub accel: &'a A,
     /// Traversal of emitting surfaces alone (world geometry ids), if that is worth having.
@@ -134,7 +134,7 @@ fn has_avx2() -> bool {
 /// Path edges between two looks at whether to stop: some tens of milliseconds for a wave.
 const STOP_EVERY: u32 = 64;
 
-impl<'a, A: Accel> World<'a, A> {
+impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// Adds camera paths to `wave`: samples `samples` of the pixel with centre `centre` and key `key`.
     /// `filter` draws a sample's place around the centre and its weight, which goes to `weights`.
     pub fn start(

@@ -23,7 +23,7 @@ use glam::{Vec2, Vec3, Vec3A};
 const PREFETCH_INDICES: usize = 12;
 const PREFETCH_VERTICES: usize = 6;
 
-impl<A: Accel> World<'_, A> {
+impl<A: Accel + ?Sized> World<'_, A> {
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
     #[inline(always)]
     pub(super) fn shade(&self, wave: &mut Wave, depth: u32) {

@@ -6,8 +6,7 @@
 use super::job::{Job, Order};
 use super::load::load;
 use super::{Control, Outcome, Progress};
-use crate::accel::embree::{BuildOptions, EmbreeDevice, EmbreeScene};
-use crate::accel::{Accel, NONE};
+use crate::accel::{Accel, Builder, NONE};
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
 use crate::geometry::{self, Needs, SceneGeometry, Surfaces};
@@ -19,8 +18,8 @@ use crate::scene::{Film, SceneDescription};
 use crate::settings::{Estimator, RenderSettings};
 use crate::stats::{self, RenderStats};
 use glam::{Mat3, Vec3};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 /// See [`super::render`].
@@ -48,17 +47,16 @@ pub(super) fn render(
 
     (control.progress)(Progress::Phase("building"));
     let build_start = Instant::now();
-    let options = BuildOptions { robust: settings.robust, threads };
+    let builder = Builder::new(settings.backend, settings.robust, threads)?;
     let (world_geometry, objects, instances) = geometry.for_backend();
-    let device = EmbreeDevice::new()?;
-    let accel = EmbreeScene::new(&device, &world_geometry, &objects, &instances, &geometry, options)?;
+    let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, &geometry))?;
     stats.time.build_s = build_start.elapsed().as_secs_f64();
     stats.plan.bytes.geometry = geometry.bytes() + accel.bytes();
     stats.plan.bytes.textures = textures.store().all_bytes();
 
     let materials = Materials::new(scene, &textures, &tables);
     let lights = Lights::new(scene, &geometry, &textures, environments);
-    let emitters = emitters_only(&device, &geometry, &lights, options)?;
+    let emitters = emitters_only(&builder, &geometry, &lights)?;
     let shading = shading(&geometry, &materials, &lights);
     let spp = settings.spp.unwrap_or(scene.spp).max(1);
     let roulette = settings.roulette.unwrap_or(true);
@@ -66,8 +64,8 @@ pub(super) fn render(
     let world = World {
         estimator: settings.estimator,
         samples_lights,
-        accel: &accel,
-        emitters_only: emitters.as_ref(),
+        accel: &*accel,
+        emitters_only: emitters.as_deref(),
         geometry: Surfaces::new(&geometry, |s| shading[s].needs),
         has_interfaces: shading.iter().any(|s| s.may_pass),
         wants_footprints: shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT)),
@@ -127,7 +125,7 @@ pub(super) fn render(
     stats.memory.peak_accounted =
         geometry.bytes() + accel.bytes() + textures.store().bytes() + job.buffer.bytes();
     stats.settings = stats::EffectiveSettings {
-        backend: format!("embree {}", device.version()),
+        backend: builder.name(),
         spp,
         seed: job.seed,
         max_depth: world.max_depth,
@@ -196,16 +194,15 @@ fn effective_film(scene: &SceneDescription, settings: &RenderSettings) -> Result
 
 /// A scene of the emitting surfaces alone, for the last ray of a path; `None` where nothing emits.
 fn emitters_only<'g>(
-    device: &Arc<EmbreeDevice>,
+    builder: &Builder,
     geometry: &'g SceneGeometry,
     lights: &Lights,
-    options: BuildOptions,
-) -> Result<Option<EmbreeScene<'g>>> {
+) -> Result<Option<Box<dyn Accel + 'g>>> {
     if lights.emitters.is_empty() {
         return Ok(None);
     }
     let emitting = geometry.describe_emitters();
-    Ok(Some(EmbreeScene::new(device, &emitting, &[], &[], geometry, options)?))
+    builder.build(&emitting, &[], &[], geometry).map(Some)
 }
 
 fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {

@@ -38,7 +38,7 @@ pub(super) enum Order {
 }
 
 /// What the threads share while rendering.
-pub(super) struct Job<'a, A> {
+pub(super) struct Job<'a, A: ?Sized> {
     pub(super) world: &'a World<'a, A>,
     pub(super) textures: &'a TextureStore,
     pub(super) film: &'a Film,
@@ -59,7 +59,7 @@ pub(super) struct Job<'a, A> {
     pub(super) start: Instant,
 }
 
-impl<A: Accel> Job<'_, A> {
+impl<A: Accel + ?Sized> Job<'_, A> {
     pub(super) fn run(&self, threads: usize) -> Counters {
         (self.control.progress)(Progress::Phase("rendering"));
         let mut total = Counters::default();

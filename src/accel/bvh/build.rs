@@ -237,7 +237,13 @@ fn divide(
     }
     // Centres all in one place, or too deep: halves by the order along the longest axis.
     let size = extent.centres.hi - extent.centres.lo;
-    let axis = if size.x >= size.y && size.x >= size.z { 0 } else if size.y >= size.z { 1 } else { 2 };
+    let axis = if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
+    };
     let middle = references.len() / 2;
     references.select_nth_unstable_by(middle, |a, b| {
         let centre = |r: &Reference| {

@@ -82,7 +82,13 @@ impl Query {
         if !(largest > f32::MIN_POSITIVE && largest <= LIMIT && away <= LIMIT) {
             return None;
         }
-        let axes = if z == 0 { [1, 2, 0] } else if z == 1 { [2, 0, 1] } else { [0, 1, 2] };
+        let axes = if z == 0 {
+            [1, 2, 0]
+        } else if z == 1 {
+            [2, 0, 1]
+        } else {
+            [0, 1, 2]
+        };
         let mut query = Self {
             inverse: [0.0; 3],
             near: [0.0; 3],
@@ -193,10 +199,5 @@ pub(super) fn into_object(ray: &Ray, inverse: &[f32; 12], t_max: f32) -> Ray {
     let columns: [Vec3; 4] =
         std::array::from_fn(|c| Vec3::new(inverse[3 * c], inverse[3 * c + 1], inverse[3 * c + 2]));
     let turn = |v: Vec3| columns[0] * v.x + columns[1] * v.y + columns[2] * v.z;
-    Ray {
-        origin: turn(ray.origin) + columns[3],
-        direction: turn(ray.direction),
-        t_min: ray.t_min,
-        t_max,
-    }
+    Ray { origin: turn(ray.origin) + columns[3], direction: turn(ray.direction), t_min: ray.t_min, t_max }
 }

@@ -238,7 +238,13 @@ impl<'a> BvhScene<'a> {
 
     /// An instance, the ray in its space and where that enters its box.
     #[inline(always)]
-    fn enter(&self, instance: u32, ray: &Ray, query: &Query, t_max: f32) -> Option<(&Object<'a>, Ray, Query)> {
+    fn enter(
+        &self,
+        instance: u32,
+        ray: &Ray,
+        query: &Query,
+        t_max: f32,
+    ) -> Option<(&Object<'a>, Ray, Query)> {
         let placed = &self.instances[instance as usize];
         let (near, far) = query.inside(placed.lo, placed.hi, t_max);
         if near > far {
@@ -460,7 +466,8 @@ impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
         for r in &self.object.order[start..start + count] {
             let t_max = self.best.hit.t;
             if r.geometry == INSTANCE {
-                if let Some((object, ray, query)) = self.scene.enter(r.primitive, self.ray, self.query, t_max) {
+                if let Some((object, ray, query)) = self.scene.enter(r.primitive, self.ray, self.query, t_max)
+                {
                     self.scene.nearest_in::<COUNT>(object, r.primitive, &ray, &query, self.best, self.work);
                 }
                 continue;
@@ -491,11 +498,12 @@ impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
     fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
         for r in &self.object.order[start..start + count] {
             self.found = if r.geometry == INSTANCE {
-                self.scene
-                    .enter(r.primitive, self.ray, self.query, t_max)
-                    .is_some_and(|(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, self.work))
+                self.scene.enter(r.primitive, self.ray, self.query, t_max).is_some_and(
+                    |(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, self.work),
+                )
             } else {
-                meet_custom(self.scene, self.object, r, self.ray, self.query, t_max).is_some_and(|m| m.t < t_max)
+                meet_custom(self.scene, self.object, r, self.ray, self.query, t_max)
+                    .is_some_and(|m| m.t < t_max)
             };
             if self.found {
                 return f32::NEG_INFINITY;

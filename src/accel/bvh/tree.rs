@@ -56,7 +56,10 @@ impl Child {
     }
 
     pub(super) fn leaf(start: u32, count: u32) -> Self {
-        assert!((1..=MAX_LEAF).contains(&count) && (start as usize) < MAX_STARTS, "the builder keeps to the limits");
+        assert!(
+            (1..=MAX_LEAF).contains(&count) && (start as usize) < MAX_STARTS,
+            "the builder keeps to the limits"
+        );
         Self(LEAF | (count - 1) << START_BITS | start)
     }
 

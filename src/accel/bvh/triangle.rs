@@ -56,7 +56,14 @@ pub(super) fn intersect(query: &Query, block: &Block, lane: usize) -> Option<Met
     let t = ((u * a[2] + v * b[2] + w * c[2]) * inverse) as f32;
     let (lo, hi) = padded_bounds(corners);
     let (near, far) = query.inside(lo, hi, f32::INFINITY);
-    let t = (if t < near { near } else if t > far { far } else { t }).max(query.floor);
+    let t = (if t < near {
+        near
+    } else if t > far {
+        far
+    } else {
+        t
+    })
+    .max(query.floor);
     (t > query.t_min).then_some(Met { t, u: (v * inverse) as f32, v: (w * inverse) as f32 })
 }
 
