@@ -12,6 +12,8 @@ mod plain;
 mod primitives;
 mod query;
 mod scene;
+#[cfg(test)]
+mod tests;
 mod tree;
 mod triangle;
 #[cfg(target_arch = "x86_64")]

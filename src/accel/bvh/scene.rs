@@ -142,6 +142,16 @@ impl<'a> BvhScene<'a> {
         self.any::<true>(ray, work)
     }
 
+    /// The bytes of the world's triangles' tree.
+    #[cfg(test)]
+    pub(super) fn world_image(&self) -> Vec<u8> {
+        let nodes: &[u8] = match &self.world.triangles {
+            Nodes::Plain(nodes) => bytemuck::cast_slice(nodes),
+            Nodes::Wide(nodes) => bytemuck::cast_slice(nodes),
+        };
+        [nodes, bytemuck::cast_slice(&self.world.blocks)].concat()
+    }
+
     #[inline(always)]
     fn nearest<const COUNT: bool>(&self, ray: &Ray, work: &mut Work) -> Hit {
         let Some(query) = Query::new(ray, self.reach) else { return Hit::MISS };
