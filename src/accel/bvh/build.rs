@@ -30,7 +30,7 @@ pub struct BuildSettings {
 
 impl BuildSettings {
     /// For blocks of four triangles.
-    pub const TRIANGLES: Self = Self { split: SplitRule::Objects, together: 4, node_cost: 1.0 };
+    pub const TRIANGLES: Self = Self { split: SplitRule::Objects, together: 4, node_cost: 2.0 };
     /// For primitives that are tested one by one, at some cost.
     pub const SINGLE: Self = Self { split: SplitRule::Objects, together: 1, node_cost: 0.5 };
 
@@ -218,7 +218,8 @@ fn divide(
     settings: BuildSettings,
 ) -> Option<(usize, usize, [Extent; 2])> {
     let count = references.len() as u32;
-    if count <= settings.together.min(2) && (count == 1 || settings.together > 1) {
+    // What a node would cost alone.
+    if count == 1 || settings.tests(count) <= settings.node_cost {
         return None;
     }
     let may_be_leaf = settings.tests(count) <= BuildSettings::MOST_TESTS as f32;
@@ -268,22 +269,44 @@ struct Bin {
     count: u32,
 }
 
-type Bins = [[Bin; BINS]; 3];
+type Bins<const N: usize> = [[Bin; N]; 3];
 
 /// Which bin a centre is in.
 #[derive(Clone, Copy)]
 struct Grid {
     origin: Vec4,
     scale: Vec4,
-    last: Vec4,
+    last: f32,
 }
 
+/// Added to a small number that is not negative, leaves it rounded in the lowest bits.
+const ROUND: f32 = (1u32 << 23) as f32;
+
 impl Grid {
+    fn new(centres: &Bounds, bins: usize) -> Self {
+        let size = centres.hi - centres.lo;
+        let axis = |s: f32| {
+            let scale = bins as f32 / s;
+            // An axis without extent has one bin, which no plane divides.
+            if scale.is_finite() { scale } else { 0.0 }
+        };
+        let scale = Vec4::new(axis(size.x), axis(size.y), axis(size.z), 0.0);
+        Self { origin: centres.lo, scale, last: (bins - 1) as f32 }
+    }
+
     #[inline(always)]
-    fn cell(&self, reference: &Reference) -> [usize; 3] {
-        let [lo, hi] = reference.bounds();
-        let at = ((lo + hi - self.origin) * self.scale).max(Vec4::ZERO).min(self.last);
-        [at.x as usize, at.y as usize, at.z as usize]
+    fn cells(&self, lo: Vec4, hi: Vec4) -> [usize; 3] {
+        let at = ((lo + hi - self.origin) * self.scale - 0.5).max(Vec4::ZERO).min(Vec4::splat(self.last));
+        let bits: [u32; 4] = bytemuck::cast(at + ROUND);
+        [0, 1, 2].map(|k| (bits[k] & (BINS as u32 - 1)) as usize)
+    }
+
+    /// The same of one axis.
+    #[inline(always)]
+    fn cell(&self, reference: &Reference, axis: usize) -> usize {
+        let [lo, hi] = reference.bounds().map(|v| v.to_array()[axis]);
+        let at = ((lo + hi - self.origin[axis]) * self.scale[axis] - 0.5).max(0.0).min(self.last);
+        ((at + ROUND).to_bits() & (BINS as u32 - 1)) as usize
     }
 }
 
@@ -299,42 +322,49 @@ struct Split {
 
 impl Split {
     fn find(references: &[Reference], extent: &Extent, settings: BuildSettings) -> Option<Self> {
-        let size = extent.centres.hi - extent.centres.lo;
-        let bins = BINS.min(4 + references.len() / 16);
-        let scale = size.truncate().to_array().map(|s| {
-            let scale = bins as f32 * (1.0 - 1e-5) / s;
-            // An axis without extent has one bin, which no plane divides.
-            if scale.is_finite() { scale } else { 0.0 }
-        });
-        let grid = Grid {
-            origin: extent.centres.lo,
-            scale: Vec4::new(scale[0], scale[1], scale[2], 0.0),
-            last: Vec4::splat((bins - 1) as f32),
-        };
-        let empty = [[Bin { bounds: Bounds::EMPTY, count: 0 }; BINS]; 3];
-        let filled = if references.len() < 4 * PARALLEL {
-            fill(references, &grid, empty)
+        // Few primitives need few bins, which are cheaper to clear and to look through.
+        match references.len() {
+            ..64 => Self::among::<8>(references, extent, settings),
+            64..256 => Self::among::<16>(references, extent, settings),
+            _ => Self::among::<BINS>(references, extent, settings),
+        }
+    }
+
+    fn among<const N: usize>(
+        references: &[Reference],
+        extent: &Extent,
+        settings: BuildSettings,
+    ) -> Option<Self> {
+        let grid = Grid::new(&extent.centres, N);
+        let empty = [[Bin { bounds: Bounds::EMPTY, count: 0 }; N]; 3];
+        let mut bins = empty;
+        if references.len() < 4 * PARALLEL {
+            fill(references, &grid, &mut bins);
         } else {
-            references
+            let part = |mut bins: Box<Bins<N>>, part: &[Reference]| {
+                fill(part, &grid, &mut bins);
+                bins
+            };
+            bins = *references
                 .par_chunks(PARALLEL)
-                .fold(|| empty, |filled, part| fill(part, &grid, filled))
-                .reduce(|| empty, |a, b| join(a, &b, bins))
-        };
+                .fold(|| Box::new(empty), part)
+                .reduce(|| Box::new(empty), join);
+        }
         let mut best: Option<Self> = None;
-        for (axis, row) in filled.iter().enumerate() {
-            if scale[axis] == 0.0 {
+        for (axis, row) in bins.iter().enumerate() {
+            if grid.scale[axis] == 0.0 {
                 continue;
             }
-            let mut right_cost = [0.0f32; BINS];
+            let mut right_cost = [0.0f32; N];
             let (mut bounds, mut count) = (Bounds::EMPTY, 0);
-            for i in (1..bins).rev() {
+            for i in (1..N).rev() {
                 bounds.add(row[i].bounds.lo, row[i].bounds.hi);
                 count += row[i].count;
                 right_cost[i] =
                     if count == 0 { f32::INFINITY } else { bounds.half_area() * settings.tests(count) };
             }
             let (mut bounds, mut count) = (Bounds::EMPTY, 0);
-            for i in 1..bins {
+            for i in 1..N {
                 bounds.add(row[i - 1].bounds.lo, row[i - 1].bounds.hi);
                 count += row[i - 1].count;
                 if count == 0 {
@@ -351,7 +381,7 @@ impl Split {
 
     /// Swaps the primitives of the left child to the front; how many, and both extents.
     fn partition(&self, references: &mut [Reference]) -> (usize, [Extent; 2]) {
-        let is_left = |r: &Reference| self.grid.cell(r)[self.axis] < self.bin;
+        let is_left = |r: &Reference| self.grid.cell(r, self.axis) < self.bin;
         let mut sides = [Extent::EMPTY; 2];
         let (mut front, mut back) = (0, references.len());
         loop {
@@ -371,24 +401,23 @@ impl Split {
     }
 }
 
-fn fill(references: &[Reference], grid: &Grid, mut bins: Bins) -> Bins {
+fn fill<const N: usize>(references: &[Reference], grid: &Grid, bins: &mut Bins<N>) {
     for reference in references {
         let [lo, hi] = reference.bounds();
-        for (row, cell) in bins.iter_mut().zip(grid.cell(reference)) {
-            let bin = &mut row[cell];
+        let cells = grid.cells(lo, hi);
+        for axis in 0..3 {
+            // Never at or beyond `last`; the remainder of a power of two saves the check.
+            let bin = &mut bins[axis][cells[axis] % N];
             bin.bounds.add(lo, hi);
             bin.count += 1;
         }
     }
-    bins
 }
 
-fn join(mut a: Bins, b: &Bins, bins: usize) -> Bins {
-    for (a, b) in a.iter_mut().zip(b) {
-        for (a, b) in a.iter_mut().zip(&b[..bins]) {
-            a.bounds.add(b.bounds.lo, b.bounds.hi);
-            a.count += b.count;
-        }
+fn join<const N: usize>(mut a: Box<Bins<N>>, b: Box<Bins<N>>) -> Box<Bins<N>> {
+    for (a, b) in a.iter_mut().flatten().zip(b.iter().flatten()) {
+        a.bounds.add(b.bounds.lo, b.bounds.hi);
+        a.count += b.count;
     }
     a
 }

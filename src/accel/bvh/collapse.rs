@@ -2,6 +2,7 @@
 //!
 //! Invariant: both forms have the same leaves.
 
+use super::memory::Frozen;
 use super::primitives::Reference;
 use super::tree::{Block, Child, LANES, Node, WIDTH, Wide};
 use crate::accel::Geometry;
@@ -12,7 +13,7 @@ pub(super) fn into_blocks(
     nodes: &mut [Node],
     references: &[Reference],
     geometry: &[Geometry<'_>],
-) -> Vec<Block> {
+) -> Frozen<Block> {
     // The first triangle of each block: leaves are runs of triangles in order.
     let mut firsts = Vec::with_capacity(references.len() / 3);
     for node in nodes.iter_mut().filter(|n| n.count() > 0) {
@@ -22,9 +23,10 @@ pub(super) fn into_blocks(
         firsts.extend((start..start + count).step_by(LANES));
     }
     let end = references.len() as u32;
-    let fill = |(i, &first): (usize, &u32)| {
+    let fill = |(i, block): (usize, &mut Block)| {
+        let first = firsts[i];
         let next = firsts.get(i + 1).copied().unwrap_or(end);
-        let mut block = Block::empty();
+        *block = Block::empty();
         for (lane, r) in references[first as usize..next as usize].iter().enumerate() {
             let Geometry::Triangles { positions, indices, .. } = geometry[r.geometry as usize] else {
                 unreachable!("triangles are referred to in geometries of triangles")
@@ -32,11 +34,10 @@ pub(super) fn into_blocks(
             let corners = indices[r.primitive as usize].map(|c| positions[c as usize]);
             block.set(lane, corners, r.geometry, r.primitive);
         }
-        block
     };
-    let mut blocks = Vec::with_capacity(firsts.len());
-    firsts.par_iter().enumerate().with_min_len(1024).map(fill).collect_into_vec(&mut blocks);
-    blocks
+    Frozen::filled(firsts.len(), |blocks: &mut [Block]| {
+        blocks.par_iter_mut().enumerate().with_min_len(1024).for_each(fill);
+    })
 }
 
 /// The wide form of `nodes`: of the children of a node the largest is opened until there are eight.

@@ -8,6 +8,7 @@
 
 mod build;
 mod collapse;
+mod memory;
 mod plain;
 mod primitives;
 mod query;

@@ -10,6 +10,25 @@ pub(super) trait Leaves {
     /// Looks at `count` primitives (blocks) from `start` on; the farthest distance that counts from here on.
     /// Below every distance: nothing does.
     fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32;
+
+    /// Told what may soon be visited: `count` primitives (blocks) from `start` on.
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<Self> {
+        |_, _| {}
+    }
+}
+
+/// A hint that `lines` cache lines from `place` on will be read. Whether anything is there does not matter.
+#[inline(always)]
+pub(super) fn prefetch<T>(place: *const T, lines: usize) {
+    #[cfg(target_arch = "x86_64")]
+    for line in 0..lines {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let at = place.cast::<i8>().wrapping_add(64 * line);
+        // SAFETY: prefetching is a hint and valid for any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (place, lines);
 }
 
 /// Deepest plain tree that a builder makes.

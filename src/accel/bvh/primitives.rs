@@ -7,7 +7,7 @@ use super::query::{LIMIT, padding};
 use super::triangle::padded_bounds;
 use crate::accel::Geometry;
 use bytemuck::{Pod, Zeroable};
-use glam::{Vec3, Vec4};
+use glam::{Vec3, Vec3A, Vec4};
 use rayon::prelude::*;
 
 /// The box of a primitive, and its name.
@@ -74,6 +74,7 @@ pub(super) fn triangles(geometry: &[Geometry<'_>]) -> Vec<Reference> {
 /// A box grown by what rounding may move a ray that is brought into an instance's space, or meets a primitive of
 /// which only the bounds are known.
 pub(super) fn grown((lo, hi): (Vec3, Vec3)) -> ([f32; 3], [f32; 3]) {
-    let pad = padding((hi - lo).max_element() + lo.abs().max(hi.abs()).max_element());
-    ((lo - pad).map(f32::next_down).to_array(), (hi + pad).map(f32::next_up).to_array())
+    let (lo, hi) = (Vec3A::from(lo), Vec3A::from(hi));
+    let pad = padding((hi - lo).max_element() + lo.abs().max(hi.abs()).max_element(), lo, hi);
+    ((lo - pad).to_array(), (hi + pad).to_array())
 }

@@ -18,7 +18,7 @@
 //! hit begins beyond it.
 
 use crate::accel::{Hit, Ray};
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 /// Half a unit in the last place of one.
 const U: f32 = f32::EPSILON / 2.0;
@@ -33,10 +33,11 @@ const LEAST: f32 = 1.0 / (1u64 << 40) as f32;
 /// Coordinates beyond are not hit: their products would overflow.
 pub(super) const LIMIT: f32 = (1u64 << 60) as f32;
 
-/// By how much the box of a triangle whose largest extent is `extent` is grown on each side.
+/// By how much the box from `lo` to `hi` of a triangle whose largest extent is `extent` is grown on each side. The
+/// rounding of growing it is in the second part.
 #[inline(always)]
-pub(super) fn padding(extent: f32) -> f32 {
-    8.0 * U * extent
+pub(super) fn padding(extent: f32, lo: Vec3A, hi: Vec3A) -> Vec3A {
+    Vec3A::splat(8.0 * U * extent) + lo.abs().max(hi.abs()) * (2.0 * U)
 }
 
 /// A ray, ready.
@@ -54,7 +55,7 @@ pub(super) struct Query {
     /// No hit is nearer: where the ray enters the box of the instance it is in.
     pub(super) floor: f32,
     /// Axes of the ray's frame; the last is that along which it runs fastest.
-    pub(super) axes: [usize; 3],
+    axes: [usize; 3],
     /// Origin along `axes`.
     pub(super) origin: [f32; 3],
     /// Shear along the first two axes, scale along the third.
@@ -66,58 +67,50 @@ impl Query {
     /// all limits or without direction.
     #[inline(always)]
     pub(super) fn new(ray: &Ray, reach: f32) -> Option<Self> {
-        let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
-        let size = d.map(f32::abs);
-        let z = if size[0] > size[1] {
-            if size[0] > size[2] { 0 } else { 2 }
-        } else if size[1] > size[2] {
-            1
-        } else {
-            2
-        };
-        let largest = size[z];
-        let away = ray.origin.abs().max_element();
+        let (o, d) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction));
+        let size = d.abs();
+        let largest = size.max_element();
+        let away = o.abs().max_element();
         // Not `>`, so that what is not a number ends here too. (A NaN among others may hide from the maximum and
         // then fails every comparison with a box.)
         if !(largest > f32::MIN_POSITIVE && largest <= LIMIT && away <= LIMIT) {
             return None;
         }
-        let axes = if z == 0 {
-            [1, 2, 0]
-        } else if z == 1 {
-            [2, 0, 1]
-        } else {
-            [0, 1, 2]
-        };
-        let mut query = Self {
-            inverse: [0.0; 3],
-            near: [0.0; 3],
-            far: [0.0; 3],
-            negative: [0; 3],
+        // Without a branch: directions are random.
+        let z = usize::from(size.x < largest) * (1 + usize::from(size.y < largest));
+        let least = Vec3A::splat(largest * LEAST);
+        let clamped = size.cmplt(least);
+        let inverse = Vec3A::select(clamped, least.copysign(d), d).recip();
+        let offset = o * inverse;
+        let mut error = offset.abs() * (4.0 * U);
+        if clamped.any() {
+            // Farther than any hit.
+            error += Vec3A::select(clamped, Vec3A::splat(2.0 * (away + reach) / largest), Vec3A::ZERO);
+        }
+        let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
+        let (o, d) = (ray.origin.to_array(), ray.direction.to_array());
+        let inverse = inverse.to_array();
+        let scale = inverse[z];
+        Some(Self {
+            inverse,
+            near: (-offset - error).to_array(),
+            far: (error - offset).to_array(),
+            negative: inverse.map(|v| (v.to_bits() >> 31) as usize),
             t_min: ray.t_min,
             floor: f32::NEG_INFINITY,
             axes,
             origin: axes.map(|a| o[a]),
-            shear: [0.0; 3],
-        };
-        for axis in 0..3 {
-            let clamped = size[axis] < largest * LEAST;
-            let step = if clamped { (largest * LEAST).copysign(d[axis]) } else { d[axis] };
-            let inverse = 1.0 / step;
-            let offset = o[axis] * inverse;
-            let mut error = 4.0 * U * offset.abs();
-            if clamped {
-                // Farther than any hit.
-                error += 2.0 * (away + reach) / largest;
-            }
-            query.inverse[axis] = inverse;
-            query.near[axis] = -offset - error;
-            query.far[axis] = -offset + error;
-            query.negative[axis] = usize::from(step < 0.0);
-        }
-        let scale = query.inverse[z];
-        query.shear = [d[axes[0]] * scale, d[axes[1]] * scale, scale];
-        Some(query)
+            shear: [d[axes[0]] * scale, d[axes[1]] * scale, scale],
+        })
+    }
+
+    /// Axes of the ray's frame.
+    #[inline(always)]
+    pub(super) fn axes(&self) -> [usize; 3] {
+        let [x, y, z] = self.axes;
+        // SAFETY: `new` is the only maker, and gives each of 0, 1 and 2 once.
+        unsafe { std::hint::assert_unchecked(x < 3 && y < 3 && z < 3) };
+        self.axes
     }
 
     /// Where the ray is inside a box; empty when the first exceeds the second.

@@ -5,11 +5,12 @@
 
 use super::build::{BuildSettings, build};
 use super::collapse::{into_blocks, widen};
+use super::memory::Frozen;
 use super::plain::{self, Leaves};
 use super::primitives::{Reference, grown, triangles};
 use super::query::{Best, Met, Query, Work, into_object};
 use super::tree::{Block, MAX_STARTS, Node, Wide};
-use super::triangle::{candidates, intersect};
+use super::triangle::{candidates, candidates_and_hits, intersect};
 #[cfg(target_arch = "x86_64")]
 use super::wide;
 use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, Ray};
@@ -46,23 +47,23 @@ fn has_fma() -> bool {
 
 /// Nodes.
 enum Nodes {
-    Plain(Vec<Node>),
+    Plain(Frozen<Node>),
     #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "wide nodes need AVX2"))]
-    Wide(Vec<Wide>),
+    Wide(Frozen<Wide>),
 }
 
 impl Nodes {
     fn new(nodes: Vec<Node>, form: Form) -> Self {
         match form {
-            Form::Plain => Self::Plain(nodes),
-            Form::Wide => Self::Wide(widen(&nodes)),
+            Form::Plain => Self::Plain(Frozen::new(nodes)),
+            Form::Wide => Self::Wide(Frozen::new(widen(&nodes))),
         }
     }
 
     fn bytes(&self) -> usize {
         match self {
-            Self::Plain(nodes) => size_of_val(&nodes[..]),
-            Self::Wide(nodes) => size_of_val(&nodes[..]),
+            Self::Plain(nodes) => nodes.bytes(),
+            Self::Wide(nodes) => nodes.bytes(),
         }
     }
 }
@@ -70,8 +71,10 @@ impl Nodes {
 /// What one traversal answers: the world's own geometry, or an object's.
 struct Object<'a> {
     geometry: Vec<Geometry<'a>>,
+    /// Whether any triangle has an alpha mask.
+    masked: bool,
     triangles: Nodes,
-    blocks: Vec<Block>,
+    blocks: Frozen<Block>,
     others: Nodes,
     /// What the leaves of `others` are runs of.
     order: Vec<Reference>,
@@ -146,10 +149,10 @@ impl<'a> BvhScene<'a> {
     #[cfg(test)]
     pub(super) fn world_image(&self) -> Vec<u8> {
         let nodes: &[u8] = match &self.world.triangles {
-            Nodes::Plain(nodes) => bytemuck::cast_slice(nodes),
-            Nodes::Wide(nodes) => bytemuck::cast_slice(nodes),
+            Nodes::Plain(nodes) => bytemuck::cast_slice(nodes.elements()),
+            Nodes::Wide(nodes) => bytemuck::cast_slice(nodes.elements()),
         };
-        [nodes, bytemuck::cast_slice(&self.world.blocks)].concat()
+        [nodes, bytemuck::cast_slice(self.world.blocks.elements())].concat()
     }
 
     #[inline(always)]
@@ -171,7 +174,8 @@ impl<'a> BvhScene<'a> {
         work: &mut Work,
     ) {
         if !object.blocks.is_empty() {
-            let mut leaves = NearestTriangle { scene: self, object, instance, ray, query, best };
+            let blocks = object.blocks.elements();
+            let mut leaves = NearestTriangle { scene: self, object, blocks, instance, ray, query, best };
             let t_max = leaves.best.hit.t;
             self.traverse::<COUNT, true>(&object.triangles, query, t_max, work, &mut leaves);
         }
@@ -201,7 +205,8 @@ impl<'a> BvhScene<'a> {
         work: &mut Work,
     ) -> bool {
         if !object.blocks.is_empty() {
-            let mut leaves = AnyTriangle { scene: self, object, ray, query, found: false };
+            let blocks = object.blocks.elements();
+            let mut leaves = AnyTriangle { scene: self, object, blocks, ray, query, found: false };
             self.traverse::<COUNT, false>(&object.triangles, query, ray.t_max, work, &mut leaves);
             if leaves.found {
                 return true;
@@ -233,14 +238,14 @@ impl<'a> BvhScene<'a> {
             #[cfg(target_arch = "x86_64")]
             Nodes::Wide(nodes) => {
                 // SAFETY: wide nodes are made only where `has_fma` has found every feature.
-                unsafe { wide::traverse::<COUNT, ORDERED>(nodes, query, t_max, work, leaves) }
+                unsafe { wide::traverse::<COUNT, ORDERED>(nodes.elements(), query, t_max, work, leaves) }
             }
             #[cfg(target_arch = "x86_64")]
             Nodes::Plain(nodes) if self.fma => {
                 // SAFETY: `has_fma` has found every feature.
-                unsafe { plain::traverse_fma::<COUNT>(nodes, query, t_max, work, leaves) }
+                unsafe { plain::traverse_fma::<COUNT>(nodes.elements(), query, t_max, work, leaves) }
             }
-            Nodes::Plain(nodes) => plain::traverse::<COUNT>(nodes, query, t_max, work, leaves),
+            Nodes::Plain(nodes) => plain::traverse::<COUNT>(nodes.elements(), query, t_max, work, leaves),
             #[cfg(not(target_arch = "x86_64"))]
             Nodes::Wide(_) => unreachable!("wide nodes are made for AVX2 alone"),
         }
@@ -304,7 +309,9 @@ impl<'a> Object<'a> {
             lo = lo.min(root.lo.into());
             hi = hi.max(root.hi.into());
         }
+        let masked = |g: &Geometry<'_>| matches!(g, Geometry::Triangles { alpha: Some(_), .. });
         Ok(Self {
+            masked: geometry.iter().any(masked),
             geometry: geometry.to_vec(),
             triangles: Nodes::new(nodes, form),
             blocks,
@@ -316,10 +323,7 @@ impl<'a> Object<'a> {
     }
 
     fn bytes(&self) -> usize {
-        self.triangles.bytes()
-            + self.others.bytes()
-            + size_of_val(&self.blocks[..])
-            + size_of_val(&self.order[..])
+        self.triangles.bytes() + self.others.bytes() + self.blocks.bytes() + size_of_val(&self.order[..])
     }
 
     #[inline(always)]
@@ -382,16 +386,23 @@ impl Accel for BvhScene<'_> {
 struct NearestTriangle<'s, 'a> {
     scene: &'s BvhScene<'a>,
     object: &'s Object<'a>,
+    blocks: &'s [Block],
     instance: u32,
     ray: &'s Ray,
     query: &'s Query,
     best: &'s mut Best,
 }
 
-impl Leaves for NearestTriangle<'_, '_> {
+impl<'s, 'a> Leaves for NearestTriangle<'s, 'a> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
+        let blocks = self.blocks;
+        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+    }
+
     #[inline(always)]
     fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
-        for block in &self.object.blocks[start..start + count] {
+        for block in &self.blocks[start..start + count] {
             let mut lanes = candidates(self.query, block);
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize;
@@ -414,16 +425,27 @@ impl Leaves for NearestTriangle<'_, '_> {
 struct AnyTriangle<'s, 'a> {
     scene: &'s BvhScene<'a>,
     object: &'s Object<'a>,
+    blocks: &'s [Block],
     ray: &'s Ray,
     query: &'s Query,
     found: bool,
 }
 
-impl Leaves for AnyTriangle<'_, '_> {
+impl<'s, 'a> Leaves for AnyTriangle<'s, 'a> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
+        let blocks = self.blocks;
+        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+    }
+
     #[inline(always)]
     fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
-        for block in &self.object.blocks[start..start + count] {
-            let mut lanes = candidates(self.query, block);
+        for block in &self.blocks[start..start + count] {
+            let (mut lanes, hits) = candidates_and_hits(self.query, block, t_max);
+            if hits != 0 && !self.object.masked {
+                self.found = true;
+                return f32::NEG_INFINITY;
+            }
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize;
                 lanes &= lanes - 1;

@@ -155,9 +155,8 @@ fn both_forms_find_what_asking_every_triangle_finds_to_the_bit() {
     let nothing = Spheres { radius: 0.0 };
     for (count, seed) in [(1, 1), (3, 2), (17, 3), (300, 4), (3000, 5)] {
         let soup = soup(count, seed);
-        let build = |form| {
-            BvhScene::new(&[soup.geometry()], &[], &[], &nothing, form).expect("few triangles")
-        };
+        let build =
+            |form| BvhScene::new(&[soup.geometry()], &[], &[], &nothing, form).expect("few triangles");
         let (plain, wide) = (build(Form::Plain), build(Form::Wide));
         let mut hits = 0;
         for ray in rays(&soup, 4000, seed) {
@@ -191,9 +190,8 @@ fn instances_and_primitives_of_their_own_are_found_in_both_forms() {
         })
         .collect();
     let world = [Geometry::Custom { count: 5, user: 1, alpha: false }, soup.geometry()];
-    let build = |form| {
-        BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, form).expect("few")
-    };
+    let build =
+        |form| BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, form).expect("few");
     let (plain, wide) = (build(Form::Plain), build(Form::Wide));
     let mut seen = [0; 4];
     for ray in rays(&soup, 20_000, 8) {

@@ -6,39 +6,82 @@
 
 use super::query::{Met, Query, padding};
 use super::tree::{Block, LANES};
-use glam::Vec4;
+use glam::{Vec3A, Vec4};
+
+/// Four triangles in the ray's frame.
+struct Sheared {
+    /// Edge functions, or zero where those are nearly so. The sign of what is not zero is exact.
+    edges: [Vec4; 3],
+    /// Corners along the ray, not yet scaled to distances.
+    depths: [Vec4; 3],
+}
+
+impl Sheared {
+    #[inline(always)]
+    fn new(query: &Query, block: &Block) -> Self {
+        let [ox, oy, oz] = query.origin.map(Vec4::splat);
+        let [sx, sy, _] = query.shear.map(Vec4::splat);
+        let axes = query.axes();
+        let sheared = |corner: usize| {
+            let along = |k: usize| Vec4::from_array(block.corners[corner][axes[k]]);
+            let (x, y, z) = (along(0) - ox, along(1) - oy, along(2) - oz);
+            (x - sx * z, y - sy * z, z)
+        };
+        let (ax, ay, az) = sheared(0);
+        let (bx, by, bz) = sheared(1);
+        let (cx, cy, cz) = sheared(2);
+        // Multiply, multiply, subtract: rounding is monotone, so the sign is right or zero. Fused it would not be.
+        let edges = [cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax];
+        Self { edges, depths: [az, bz, cz] }
+    }
+
+    /// The least and the largest of the edge functions.
+    #[inline(always)]
+    fn range(&self) -> (Vec4, Vec4) {
+        let [u, v, w] = self.edges;
+        (u.min(v).min(w), u.max(v).max(w))
+    }
+}
 
 /// Lanes of `block` that the ray may hit: all that it does, and now and then one whose edge it misses by less than
 /// rounding. No distance is looked at.
 #[inline(always)]
 pub(super) fn candidates(query: &Query, block: &Block) -> u32 {
-    let [ox, oy, oz] = query.origin.map(Vec4::splat);
-    let [sx, sy, _] = query.shear.map(Vec4::splat);
-    let sheared = |corner: usize| {
-        let along = |k: usize| Vec4::from_array(block.corners[corner][query.axes[k]]);
-        let (x, y, z) = (along(0) - ox, along(1) - oy, along(2) - oz);
-        (x - sx * z, y - sy * z)
-    };
-    let (ax, ay) = sheared(0);
-    let (bx, by) = sheared(1);
-    let (cx, cy) = sheared(2);
-    // Multiply, multiply, subtract: rounding is monotone, so the sign is right or zero. Fused it would not be.
-    let u = cx * by - cy * bx;
-    let v = ax * cy - ay * cx;
-    let w = bx * ay - by * ax;
-    let least = u.min(v).min(w);
-    let most = u.max(v).max(w);
+    let (least, most) = Sheared::new(query, block).range();
     least.cmpge(Vec4::ZERO).bitmask() | most.cmple(Vec4::ZERO).bitmask()
+}
+
+/// Distances are compared with their limits less this share, which covers the rounding of either.
+const CLEARLY: f32 = 32.0 * f32::EPSILON;
+
+/// As [`candidates`], and lanes that are hit between the ray's start and `t_max` for certain: the ray passes inside
+/// all edges, and all corners lie in between.
+#[inline(always)]
+pub(super) fn candidates_and_hits(query: &Query, block: &Block, t_max: f32) -> (u32, u32) {
+    let sheared = Sheared::new(query, block);
+    let (least, most) = sheared.range();
+    let zero = Vec4::ZERO;
+    let maybe = least.cmpge(zero).bitmask() | most.cmple(zero).bitmask();
+    if maybe == 0 {
+        return (0, 0);
+    }
+    let [a, b, c] = sheared.depths.map(|z| z * query.shear[2]);
+    let (near, far) = (a.min(b).min(c), a.max(b).max(c));
+    let after = near.cmpgt(Vec4::splat(query.t_min.max(query.floor) * (1.0 + CLEARLY)));
+    let before = far.cmplt(Vec4::splat(t_max * (1.0 - CLEARLY)));
+    let inside = least.cmpgt(zero).bitmask() | most.cmplt(zero).bitmask();
+    (maybe, inside & after.bitmask() & before.bitmask())
 }
 
 /// The hit on lane `lane` of `block`, if there is one beyond the ray's start.
 #[inline(always)]
 pub(super) fn intersect(query: &Query, block: &Block, lane: usize) -> Option<Met> {
     debug_assert!(lane < LANES, "lanes are counted by `candidates`");
-    let corners = block.triangle(lane);
+    let lane = lane % LANES;
+    let axes = query.axes();
     let [sx, sy, sz] = query.shear;
-    let [a, b, c] = corners.map(|p| {
-        let [x, y, z] = [0, 1, 2].map(|k| p[query.axes[k]] - query.origin[k]);
+    let [a, b, c] = [0, 1, 2].map(|corner| {
+        let [x, y, z] = [0, 1, 2].map(|k| block.corners[corner][axes[k]][lane] - query.origin[k]);
         [f64::from(x - sx * z), f64::from(y - sy * z), f64::from(z) * f64::from(sz)]
     });
     let u = c[0] * b[1] - c[1] * b[0];
@@ -54,7 +97,7 @@ pub(super) fn intersect(query: &Query, block: &Block, lane: usize) -> Option<Met
     }
     let inverse = 1.0 / determinant;
     let t = ((u * a[2] + v * b[2] + w * c[2]) * inverse) as f32;
-    let (lo, hi) = padded_bounds(corners);
+    let (lo, hi) = padded_bounds(block.triangle(lane));
     let (near, far) = query.inside(lo, hi, f32::INFINITY);
     let t = (if t < near {
         near
@@ -69,19 +112,9 @@ pub(super) fn intersect(query: &Query, block: &Block, lane: usize) -> Option<Met
 
 /// The box that a triangle's leaf is built over.
 #[inline(always)]
-pub(super) fn padded_bounds([a, b, c]: [[f32; 3]; 3]) -> ([f32; 3], [f32; 3]) {
-    let (mut lo, mut hi) = ([0.0; 3], [0.0; 3]);
-    let mut extent = 0.0f32;
-    for k in 0..3 {
-        lo[k] = a[k].min(b[k]).min(c[k]);
-        hi[k] = a[k].max(b[k]).max(c[k]);
-        extent = extent.max(hi[k] - lo[k]);
-    }
-    let pad = padding(extent);
-    for k in 0..3 {
-        // Outwards, also where the padding is less than half a unit in the last place.
-        lo[k] = (lo[k] - pad).next_down();
-        hi[k] = (hi[k] + pad).next_up();
-    }
-    (lo, hi)
+pub(super) fn padded_bounds(corners: [[f32; 3]; 3]) -> ([f32; 3], [f32; 3]) {
+    let [a, b, c] = corners.map(Vec3A::from_array);
+    let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
+    let pad = padding((hi - lo).max_element(), lo, hi);
+    ((lo - pad).to_array(), (hi + pad).to_array())
 }

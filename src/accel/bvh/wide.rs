@@ -2,7 +2,7 @@
 //!
 //! Invariant: the same arithmetic as [`Query::inside`], lane by lane.
 
-use super::plain::{Leaves, MAX_DEPTH};
+use super::plain::{Leaves, MAX_DEPTH, prefetch};
 use super::query::{Query, SLACK, Work};
 use super::tree::{Child, WIDTH, Wide};
 use std::arch::x86_64::*;
@@ -52,6 +52,15 @@ pub(super) fn traverse<const COUNT: bool, const ORDERED: bool>(
     let mut height = 0;
     let mut at = Child::inner(0);
     let mut distances = [0.0f32; WIDTH];
+    let fetch = leaves.prefetcher();
+    let touch = |child: Child| {
+        if child.is_leaf() {
+            let (start, count) = child.run();
+            fetch(start, count);
+        } else {
+            prefetch(nodes.as_ptr().wrapping_add(child.0 as usize), 4);
+        }
+    };
     'next: loop {
         while !at.is_leaf() {
             let node = &nodes[at.0 as usize];
@@ -67,33 +76,77 @@ pub(super) fn traverse<const COUNT: bool, const ORDERED: bool>(
             if hit == 0 {
                 break;
             }
-            let first = hit.trailing_zeros() as usize & (WIDTH - 1);
+            let first = hit.trailing_zeros() as usize;
             hit &= hit - 1;
             if hit == 0 {
-                at = node.children[first];
+                at = node.children[first & (WIDTH - 1)];
+                touch(at);
                 continue;
             }
             // SAFETY: writes eight floats to an array of eight.
             unsafe { _mm256_storeu_ps(distances.as_mut_ptr(), near) };
-            let mut nearest = waiting(distances[first], node.children[first]);
-            let bottom = height;
-            while hit != 0 {
-                let i = hit.trailing_zeros() as usize & (WIDTH - 1);
-                hit &= hit - 1;
-                let other = waiting(distances[i], node.children[i]);
-                if ORDERED {
-                    let behind = nearest.max(other);
-                    nearest = nearest.min(other);
-                    // Farther ones lie below: what is put down sinks to its place.
-                    let mut place = height;
-                    while place > bottom && pop(&stack, place - 1) < behind {
-                        stack[place] = stack[place - 1];
-                        place -= 1;
-                    }
-                    stack[place].write(behind);
-                } else {
-                    stack[height].write(other);
+            let key = |i: usize| {
+                let child = node.children[i & (WIDTH - 1)];
+                touch(child);
+                waiting(distances[i & (WIDTH - 1)], child)
+            };
+            if !ORDERED {
+                // Any hit will do.
+                at = node.children[first & (WIDTH - 1)];
+                touch(at);
+                while hit != 0 {
+                    stack[height].write(key(hit.trailing_zeros() as usize));
+                    height += 1;
+                    hit &= hit - 1;
                 }
+                continue;
+            }
+            let mut next_key = || {
+                let i = hit.trailing_zeros() as usize;
+                hit &= hit - 1;
+                (key(i), hit == 0)
+            };
+            let a = key(first);
+            let (b, done) = next_key();
+            let (a, b) = (a.min(b), a.max(b));
+            if done {
+                stack[height].write(b);
+                height += 1;
+                at = Child(a as u32);
+                continue;
+            }
+            let (c, done) = next_key();
+            let (b, c) = (b.min(c), b.max(c));
+            let (a, b) = (a.min(b), a.max(b));
+            if done {
+                stack[height].write(c);
+                stack[height + 1].write(b);
+                height += 2;
+                at = Child(a as u32);
+                continue;
+            }
+            let (d, mut done) = next_key();
+            let (c, d) = (c.min(d), c.max(d));
+            let (b, c) = (b.min(c), b.max(c));
+            let (a, b) = (a.min(b), a.max(b));
+            let mut nearest = a;
+            let bottom = height;
+            stack[height].write(d);
+            stack[height + 1].write(c);
+            stack[height + 2].write(b);
+            height += 3;
+            while !done {
+                let (other, last) = next_key();
+                done = last;
+                // Farther ones lie below: what is put down sinks to its place.
+                let behind = nearest.max(other);
+                nearest = nearest.min(other);
+                let mut place = height;
+                while place > bottom && pop(&stack, place - 1) < behind {
+                    stack[place] = stack[place - 1];
+                    place -= 1;
+                }
+                stack[place].write(behind);
                 height += 1;
             }
             at = Child(nearest as u32);
