@@ -92,7 +92,7 @@ pub(super) fn intersect(query: &Query, block: &Block, lane: usize) -> Option<Met
     }
     let determinant = u + v + w;
     // Edge-on, or not a number.
-    if !(determinant > 0.0 || determinant < 0.0) {
+    if determinant == 0.0 || determinant.is_nan() {
         return None;
     }
     let inverse = 1.0 / determinant;
