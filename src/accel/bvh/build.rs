@@ -345,10 +345,14 @@ impl Split {
                 fill(part, &grid, &mut bins);
                 bins
             };
+            let both = |mut a: Box<Bins<N>>, b: Box<Bins<N>>| {
+                join(&mut a, &b);
+                a
+            };
             bins = *references
                 .par_chunks(PARALLEL)
                 .fold(|| Box::new(empty), part)
-                .reduce(|| Box::new(empty), join);
+                .reduce(|| Box::new(empty), both);
         }
         let mut best: Option<Self> = None;
         for (axis, row) in bins.iter().enumerate() {
@@ -414,10 +418,9 @@ fn fill<const N: usize>(references: &[Reference], grid: &Grid, bins: &mut Bins<N
     }
 }
 
-fn join<const N: usize>(mut a: Box<Bins<N>>, b: Box<Bins<N>>) -> Box<Bins<N>> {
+fn join<const N: usize>(a: &mut Bins<N>, b: &Bins<N>) {
     for (a, b) in a.iter_mut().flatten().zip(b.iter().flatten()) {
         a.bounds.add(b.bounds.lo, b.bounds.hi);
         a.count += b.count;
     }
-    a
 }

@@ -29,7 +29,7 @@ impl Custom for Spheres {
     }
 
     fn is_opaque(&self, _: u32, primitive: u32, _: (f32, f32, f32), _: &Ray) -> bool {
-        primitive % 3 != 0
+        !primitive.is_multiple_of(3)
     }
 }
 
@@ -202,7 +202,7 @@ fn instances_and_primitives_of_their_own_are_found_in_both_forms() {
         if a.geometry != NONE {
             seen[usize::from(a.instance != NONE) * 2 + a.geometry as usize] += 1;
             let masked = a.instance != NONE && a.geometry == 1;
-            assert!(!masked || a.primitive % 3 != 0, "a masked primitive was hit: {a:?}");
+            assert!(!masked || !a.primitive.is_multiple_of(3), "a masked primitive was hit: {a:?}");
         }
     }
     assert!(seen.iter().all(|&n| n > 100), "kinds of hits: {seen:?}");
