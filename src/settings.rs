@@ -72,6 +72,10 @@ pub struct RenderSettings {
     pub estimator: Estimator,
     /// Bytes of textures in memory; `None` means half of what is free.
     pub texture_memory: Option<u64>,
+    /// Bytes of geometry in memory, its acceleration structures included; `None` means that all of it stays.
+    pub geometry_memory: Option<u64>,
+    /// Bytes of a page of geometry; `None` means 64 KiB.
+    pub page_bytes: Option<usize>,
     /// A read of a texture tile takes at least so long \[s\]: slow storage, simulated.
     pub texture_latency_seconds: f64,
     /// Where tiled copies of textures are kept; `None` means the user's cache directory.

@@ -5,7 +5,7 @@
 use super::bvh::{BvhScene, Form};
 #[cfg(feature = "embree")]
 use super::embree::{BuildOptions, EmbreeDevice, EmbreeScene};
-use super::{Accel, Custom, Geometry, InstanceOf};
+use super::{Accel, Custom, Geometry, InstanceOf, Pages};
 #[cfg(not(feature = "embree"))]
 use crate::error::Error;
 use crate::error::Result;
@@ -32,7 +32,7 @@ impl Builder {
     /// built on the threads of the pool it is called on.
     ///
     /// # Errors
-    /// [`Error::Usage`] for Embree in a Weir without it; [`Error::Resource`] where the library is unfit.
+    /// [`Error::Usage`](crate::error::Error::Usage) for Embree in a Weir without it; [`Error::Resource`](crate::error::Error::Resource) where the library is unfit.
     pub fn new(backend: Backend, robust: bool, threads: usize) -> Result<Self> {
         match backend {
             Backend::Native => Ok(Self::Native),
@@ -55,20 +55,21 @@ impl Builder {
     /// Builds `world` and `objects`, with `instances` of the latter.
     ///
     /// # Errors
-    /// [`Error::Resource`] when memory, or the numbering of primitives, runs out.
+    /// [`Error::Resource`](crate::error::Error::Resource) when memory, or the numbering of primitives, runs out.
     pub fn build<'a>(
         &self,
         world: &[Geometry<'a>],
         objects: &[Vec<Geometry<'a>>],
         instances: &[InstanceOf],
         custom: &'a dyn Custom,
+        pages: Option<&'a dyn Pages>,
     ) -> Result<Box<dyn Accel + 'a>> {
         Ok(match self {
             #[cfg(feature = "embree")]
             Self::Embree { device, options } => {
                 Box::new(EmbreeScene::new(device, world, objects, instances, custom, *options)?)
             }
-            Self::Native => Box::new(BvhScene::new(world, objects, instances, custom, Form::best())?),
+            Self::Native => Box::new(BvhScene::new(world, objects, instances, custom, pages, Form::best())?),
         })
     }
 

@@ -137,6 +137,7 @@ fn builders(geometry: &[Geometry<'_>], threads: usize) -> usize {
         .map(|g| match g {
             Geometry::Triangles { indices, .. } => indices.len(),
             Geometry::Custom { count, .. } => *count as usize,
+            Geometry::Pages { .. } => 0,
         })
         .sum();
     // Some 5 ms of building each.
@@ -222,6 +223,11 @@ impl<'a> EmbreeScene<'a> {
         let kind = match g {
             Geometry::Triangles { .. } => rtc::RTC_GEOMETRY_TYPE_TRIANGLE,
             Geometry::Custom { .. } => rtc::RTC_GEOMETRY_TYPE_USER,
+            Geometry::Pages { .. } => {
+                return Err(Error::Usage(
+                    "Embree keeps all geometry in memory; --geometry-memory needs --backend native".into(),
+                ));
+            }
         };
         // SAFETY: the device is live.
         let geometry = unsafe { rtc::rtcNewGeometry(self.device.handle, kind) };
@@ -250,6 +256,7 @@ impl<'a> EmbreeScene<'a> {
                 // SAFETY: as above.
                 unsafe { rtc::rtcSetGeometryOccludedFunction(geometry, Some(custom_occluded)) };
             }
+            Geometry::Pages { .. } => unreachable!("refused above"),
         }
         // SAFETY: all buffers are set.
         unsafe { rtc::rtcCommitGeometry(geometry) };
@@ -380,6 +387,7 @@ impl Accel for EmbreeScene<'_> {
             geometry: record.hit.geomID,
             primitive: record.hit.primID,
             instance: if instance == NONE { NONE } else { instance - self.geometry_count },
+            place: NONE,
         }
     }
 

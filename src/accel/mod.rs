@@ -49,12 +49,22 @@ pub struct Hit {
     pub primitive: u32,
     /// Index of the instance, or [`NONE`].
     pub instance: u32,
+    /// Where in which page the primitive lies ([`bvh::PageView`]), or [`NONE`] where geometry does not come
+    /// and go.
+    pub place: u32,
 }
 
 impl Hit {
     /// No intersection.
-    pub const MISS: Self =
-        Self { t: f32::INFINITY, u: 0.0, v: 0.0, geometry: NONE, primitive: NONE, instance: NONE };
+    pub const MISS: Self = Self {
+        t: f32::INFINITY,
+        u: 0.0,
+        v: 0.0,
+        geometry: NONE,
+        primitive: NONE,
+        instance: NONE,
+        place: NONE,
+    };
 }
 
 /// Primitives that intersect themselves (quadrics, patches), and per-hit opacity; implemented by
@@ -92,6 +102,20 @@ pub enum Geometry<'a> {
         /// Whether to ask [`Custom::is_opaque`].
         alpha: bool,
     },
+    /// Triangles that come and go, page by page. For the native hierarchy alone.
+    Pages {
+        /// Name of the first page, passed to [`Pages::visit`]; the others follow.
+        first: u32,
+        /// Boxes of the pages.
+        bounds: &'a [[[f32; 3]; 2]],
+    },
+}
+
+/// Where pages come from; implemented by the room that owns them.
+pub trait Pages: Sync + Send {
+    /// Calls `look` with the bytes of page `page` ([`bvh::PageView`] reads them), which stay where they are
+    /// until it returns. May wait for a disk.
+    fn visit(&self, page: u32, look: &mut dyn FnMut(&[u8]));
 }
 
 /// One object placed in the world.

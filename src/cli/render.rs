@@ -69,10 +69,17 @@ pub(crate) struct Options {
     /// Bytes of textures in memory: 512M, 2G; half of what is free if not given
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
     texture_memory: Option<u64>,
+    /// Bytes of geometry in memory, its trees included; meshes that do not fit come and go in pages, which
+    /// needs the native backend
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
+    geometry_memory: Option<u64>,
+    /// Bytes of a page of geometry, 4K to 128K
+    #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::bytes, allow_negative_numbers = true)]
+    page_size: u64,
     /// A read of a texture tile takes at least so many milliseconds (slow storage, simulated)
     #[arg(long, value_name = "N", default_value = "0", value_parser = values::milliseconds, allow_negative_numbers = true)]
     texture_latency_ms: f64,
-    /// Where tiled copies of textures are kept; ~/.cache/weir if not given
+    /// Where tiled copies of textures and pages of geometry are kept; ~/.cache/weir if not given
     #[arg(long, value_name = "DIR")]
     cache_dir: Option<PathBuf>,
     /// Filter of all image textures; else what the scene says. Alpha masks always read the finest level
@@ -135,6 +142,8 @@ impl Options {
             seed: self.seed,
             threads: self.threads,
             backend: match self.backend {
+                // Embree cannot let go of a part of a scene.
+                None if self.geometry_memory.is_some() => Backend::Native,
                 None => Backend::default(),
                 Some(BackendName::Embree) => Backend::Embree,
                 Some(BackendName::Native) => Backend::Native,
@@ -143,6 +152,8 @@ impl Options {
             time_limit_seconds: self.time,
             outputs: self.output.clone(),
             texture_memory: self.texture_memory,
+            geometry_memory: self.geometry_memory,
+            page_bytes: Some(usize::try_from(self.page_size).unwrap_or(usize::MAX)),
             texture_latency_seconds: self.texture_latency_ms * 1e-3,
             cache_dir: self.cache_dir.clone(),
             strict: self.strict,

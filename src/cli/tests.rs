@@ -88,7 +88,7 @@ fn errors_say_what_would_be_right_in_one_line() {
         ("a.pbrt --time 0s", "above zero"),
         ("a.pbrt --time -3s", "a time "),
         ("a.pbrt --roulette maybe", "on, off"),
-        ("a.pbrt --backend native", "embree"),
+        ("a.pbrt --backend embrey", "embree, native"),
         ("a.pbrt --threads 0", "from 1 to"),
         ("a.pbrt --max-depth deep", "--max-depth"),
         ("a.pbrt --noise 0.02", "--noise"),

@@ -33,7 +33,7 @@ impl<'g> Surfaces<'g> {
         let flat = geometry.surfaces.iter().enumerate().map(|(i, s)| {
             let mesh = match &s.shape {
                 SurfaceShape::Mesh(mesh) => Some(mesh),
-                SurfaceShape::Patches(_) | SurfaceShape::Quadric(_) => None,
+                SurfaceShape::Paged(_) | SurfaceShape::Patches(_) | SurfaceShape::Quadric(_) => None,
             };
             Flat {
                 indices: mesh.map_or(&[], |m| &m.indices),

@@ -1,13 +1,15 @@
 //! Reads every mesh of a scene in parallel, brings it into world space, and lists surfaces in the
 //! order the acceleration structure will know them by.
 
+use super::pages::{PageFile, PageMaker, PageStore, Source};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
-use crate::accel::{Custom, Geometry, InstanceOf, Ray};
+use crate::accel::{Custom, Geometry, Hit, InstanceOf, Ray};
 use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
+use std::path::PathBuf;
 
 /// Evaluates an opacity texture; given by the room that owns the textures.
 pub trait Opacity: Sync + Send {
@@ -27,13 +29,48 @@ pub struct SceneGeometry {
     pub instances: Vec<PlacedInstance>,
     /// For alpha masks; `None` when no surface has one.
     pub opacity: Option<Box<dyn Opacity>>,
+    /// Where paged meshes come from; `None` when all geometry stays.
+    pub pages: Option<PageStore>,
 }
+
+/// Which geometry stays and which comes and goes.
+#[derive(Clone, Debug)]
+pub struct Paging {
+    /// Bytes of all geometry.
+    pub budget: u64,
+    /// Bytes of a page.
+    pub page_bytes: usize,
+    /// Where page files are kept; `None`: the user's cache directory.
+    pub cache_dir: Option<PathBuf>,
+}
+
+impl Paging {
+    /// Whether all of `scene` surely fits: a triangle in a binary file takes some 23 bytes, in memory with its tree
+    /// some 90; packed and written-out files are another matter.
+    fn surely_fits(&self, scene: &SceneDescription) -> bool {
+        let bytes = |source: &MeshSource| match source {
+            MeshSource::Ply(path) => {
+                let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
+                std::fs::metadata(path).map_or(0, |m| m.len().saturating_mul(if packed { 40 } else { 8 }))
+            }
+            MeshSource::Inline(_) | MeshSource::Loop { .. } => 0,
+        };
+        scene.meshes.iter().map(bytes).fold(0, u64::saturating_add) <= self.budget
+    }
+}
+
+/// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
+const LEAST_PAGED: usize = 1024;
 
 /// Loads the shapes of `scene`.
 ///
 /// # Errors
 /// The first mesh, in the scene's order, that cannot be read.
-pub fn load(scene: &SceneDescription) -> Result<SceneGeometry> {
+pub fn load(scene: &SceneDescription, paging: Option<&Paging>) -> Result<SceneGeometry> {
+    let maker = match paging.filter(|p| !p.surely_fits(scene)) {
+        Some(p) => Some((PageMaker::new(p.cache_dir.as_deref(), p.page_bytes)?, p.page_bytes)),
+        None => None,
+    };
     // An interface without emission neither scatters nor emits. Unless it separates media, no ray
     // need ever stop at it.
     let visible = |s: &&Shape| {
@@ -50,8 +87,26 @@ pub fn load(scene: &SceneDescription) -> Result<SceneGeometry> {
         objects.push(start..shapes.len());
     }
     // Collected as results first, so that the error reported is the first in the scene's order.
-    let loaded: Vec<Result<Surface>> = shapes.par_iter().map(|s| surface(scene, s)).collect();
-    let surfaces = loaded.into_iter().collect::<Result<Vec<_>>>()?;
+    let loaded: Vec<Result<(Surface, Option<PageFile>)>> =
+        shapes.par_iter().map(|s| surface(scene, s, maker.as_ref().map(|m| &m.0))).collect();
+    let loaded = loaded.into_iter().collect::<Result<Vec<_>>>()?;
+    let mut files = Vec::new();
+    let mut first = 0;
+    let surfaces = loaded
+        .into_iter()
+        .map(|(mut surface, file)| {
+            if let SurfaceShape::Paged(mesh) = &mut surface.shape {
+                mesh.first = first;
+                first += mesh.bounds.len() as u32;
+            }
+            files.extend(file);
+            surface
+        })
+        .collect();
+    let pages = match maker {
+        Some((_, page_bytes)) if !files.is_empty() => Some(PageStore::new(files, page_bytes)?),
+        _ => None,
+    };
     let instances = scene
         .instances
         .iter()
@@ -63,21 +118,51 @@ pub fn load(scene: &SceneDescription) -> Result<SceneGeometry> {
                 .expect("surfaces are counted in u32"),
         })
         .collect();
-    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None })
+    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages })
 }
 
-fn surface(scene: &SceneDescription, shape: &Shape) -> Result<Surface> {
+/// A surface, and where its pages are if it is paged.
+fn surface(
+    scene: &SceneDescription,
+    shape: &Shape,
+    maker: Option<&PageMaker>,
+) -> Result<(Surface, Option<PageFile>)> {
     let to_world = &shape.object_to_world;
     let flip = shape.reverse_orientation ^ to_world.swaps_handedness();
+    let mut file = None;
     let kind = match &shape.kind {
         ShapeKind::Mesh(id) => {
+            // What lights are sampled on, and what masks are read on, has to be at hand.
+            let stays = shape.area_light.is_some() || shape.alpha.is_some();
+            let source = match &scene.meshes[id.index()] {
+                MeshSource::Ply(path) if !stays => {
+                    Some(Source { path, to_world, reverse: shape.reverse_orientation })
+                }
+                _ => None,
+            };
+            let paged = maker.zip(source);
+            let found = match &paged {
+                Some((maker, source)) => maker.find(source)?,
+                None => None,
+            };
+            if let Some((mesh, pages)) = found {
+                return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages)));
+            }
             let mesh = match &scene.meshes[id.index()] {
                 MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
                 MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
                 MeshSource::Loop { control, levels } => super::loop_subdivision::subdivide(control, *levels)
                     .map_err(|e| Error::at(&shape.at, e.to_string()))?,
             };
-            SurfaceShape::Mesh(place_mesh(mesh, to_world, shape.reverse_orientation))
+            let mesh = place_mesh(mesh, to_world, shape.reverse_orientation);
+            match paged {
+                Some((maker, source)) if mesh.indices.len() >= LEAST_PAGED => {
+                    let (mesh, pages) = maker.make(&source, &mesh)?;
+                    file = Some(pages);
+                    SurfaceShape::Paged(mesh)
+                }
+                _ => SurfaceShape::Mesh(mesh),
+            }
         }
         ShapeKind::Patches(id) => {
             let p = &scene.patch_meshes[id.index()];
@@ -92,14 +177,18 @@ fn surface(scene: &SceneDescription, shape: &Shape) -> Result<Surface> {
             Quadric::new(quadric, *to_world).expect("shapes that are neither mesh nor patches are quadrics"),
         ),
     };
-    Ok(Surface {
+    Ok((described(shape, flip, kind), file))
+}
+
+fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {
+    Surface {
         shape: kind,
         material: shape.material,
-        flip_normal: flip,
+        flip_normal,
         area_light: shape.area_light,
         alpha: shape.alpha,
         medium: shape.medium,
-    })
+    }
 }
 
 fn place_mesh(mut mesh: TriangleMesh, to_world: &Transform, reverse: bool) -> Mesh {
@@ -134,16 +223,20 @@ impl SceneGeometry {
         self.surfaces
             .iter()
             .map(|s| match &s.shape {
-                SurfaceShape::Mesh(m) => {
-                    12 * (m.positions.capacity() + m.normals.len() + m.tangents.len() + m.indices.len())
-                        + 8 * m.uvs.len()
-                }
+                SurfaceShape::Mesh(m) => m.bytes(),
+                SurfaceShape::Paged(m) => size_of_val(&m.bounds[..]),
                 SurfaceShape::Patches(p) => {
                     12 * (p.positions.len() + p.normals.len()) + 8 * p.uvs.len() + 16 * p.indices.len()
                 }
                 SurfaceShape::Quadric(_) => size_of::<Surface>(),
             } as u64)
             .sum()
+    }
+
+    /// Calls `look` with the triangle that was hit on a paged mesh, as a mesh of its own and a hit on that.
+    pub(super) fn with_paged<R>(&self, hit: &Hit, look: impl FnOnce(&Mesh, &Hit) -> R) -> R {
+        let pages = self.pages.as_ref().expect("paged meshes have a store of pages");
+        pages.with_triangle(hit.place, |mesh| look(mesh, &Hit { primitive: 0, ..*hit }))
     }
 
     /// Triangles and other primitives, instances not multiplied.
@@ -153,6 +246,7 @@ impl SceneGeometry {
             .iter()
             .map(|s| match &s.shape {
                 SurfaceShape::Mesh(m) => m.indices.len() as u64,
+                SurfaceShape::Paged(m) => m.triangles,
                 SurfaceShape::Patches(p) => p.indices.len() as u64,
                 SurfaceShape::Quadric(_) => 1,
             })
@@ -170,6 +264,7 @@ impl SceneGeometry {
                         indices: &m.indices,
                         alpha: s.alpha.map(|_| user),
                     },
+                    SurfaceShape::Paged(m) => Geometry::Pages { first: m.first, bounds: &m.bounds },
                     SurfaceShape::Patches(p) => Geometry::Custom {
                         count: u32::try_from(p.indices.len()).expect("primitives are counted in u32"),
                         user,
@@ -234,7 +329,9 @@ impl Custom for SceneGeometry {
                 (down(low), up(high))
             }
             SurfaceShape::Patches(p) => p.bounds(primitive),
-            SurfaceShape::Mesh(_) => unreachable!("the backend intersects triangles itself"),
+            SurfaceShape::Mesh(_) | SurfaceShape::Paged(_) => {
+                unreachable!("the backend intersects triangles itself")
+            }
         }
     }
 
@@ -253,7 +350,9 @@ impl Custom for SceneGeometry {
             SurfaceShape::Patches(p) => {
                 p.intersect(primitive, o, d, lo, hi).map(|(t, u, v)| (t as f32, u as f32, v as f32))
             }
-            SurfaceShape::Mesh(_) => unreachable!("the backend intersects triangles itself"),
+            SurfaceShape::Mesh(_) | SurfaceShape::Paged(_) => {
+                unreachable!("the backend intersects triangles itself")
+            }
         }
     }
 
@@ -277,6 +376,7 @@ impl Custom for SceneGeometry {
                 (patches.uv(primitive, u, v), p)
             }
             SurfaceShape::Quadric(_) => (Vec2::new(u, v), ray.origin + ray.direction * t),
+            SurfaceShape::Paged(_) => unreachable!("meshes with masks are not paged"),
         };
         let a = opacity.opacity(texture, uv, p);
         // The draw is a hash of the ray and the primitive, so that it is the same in whatever order

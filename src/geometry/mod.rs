@@ -7,13 +7,14 @@
 mod flat;
 mod load;
 pub mod loop_subdivision;
+pub mod pages;
 mod patch;
 mod point;
 mod quadric;
 mod tangents;
 
 pub use flat::Surfaces;
-pub use load::{Opacity, SceneGeometry, load};
+pub use load::{Opacity, Paging, SceneGeometry, load};
 pub use patch::blend_corners;
 pub use point::{Needs, SurfacePoint, offset_origin};
 pub use quadric::Quadric;
@@ -22,6 +23,7 @@ pub use tangents::{FootprintEllipse, Tangents};
 use crate::math::Transform;
 use crate::scene::{AreaLightId, MaterialId, MediumInterface, TextureId};
 use glam::Vec3;
+use pages::PagedMesh;
 
 /// A loaded triangle mesh, in world space (in object space inside an object).
 #[derive(Debug, Default)]
@@ -51,11 +53,22 @@ pub struct Patches {
     pub indices: Vec<[u32; 4]>,
 }
 
+impl Mesh {
+    /// Bytes of its columns.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        12 * (self.positions.capacity() + self.normals.len() + self.tangents.len() + self.indices.len())
+            + 8 * self.uvs.len()
+    }
+}
+
 /// Shape of a surface.
 #[derive(Debug)]
 pub enum SurfaceShape {
     /// Triangles.
     Mesh(Mesh),
+    /// Triangles that come and go.
+    Paged(PagedMesh),
     /// Bilinear patches.
     Patches(Patches),
     /// Sphere, disk or cylinder.

@@ -148,6 +148,7 @@ impl Surfaces<'_> {
     #[cold]
     #[inline(never)]
     fn uncommon_point(&self, surface: usize, hit: &Hit, ray: &Ray) -> SurfacePoint {
+        let flat = &self.flat[surface];
         let surface = &self.geometry.surfaces[surface];
         let sign = if surface.flip_normal { -1.0 } else { 1.0 };
         match &surface.shape {
@@ -166,6 +167,16 @@ impl Surfaces<'_> {
                     dpdu: at.dpdu.as_vec3(),
                 }
             }
+            SurfaceShape::Paged(_) => self.geometry.with_paged(hit, |mesh, hit| {
+                let (indices, positions, normals) =
+                    (&mesh.indices[..], &mesh.positions[..], &mesh.normals[..]);
+                let Flat { needs, flip, .. } = *flat;
+                triangle_point(
+                    &Flat { indices, positions, normals, mesh: Some(mesh), needs, flip },
+                    mesh,
+                    hit,
+                )
+            }),
             SurfaceShape::Mesh(_) => unreachable!("meshes are handled by the caller"),
         }
     }

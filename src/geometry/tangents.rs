@@ -78,6 +78,7 @@ impl Surfaces<'_> {
     fn uncommon_tangents(&self, hit: &Hit, surface: usize, ray: &Ray) -> Tangents {
         let mut tangents = match &self.geometry.surfaces[surface].shape {
             SurfaceShape::Mesh(mesh) => mesh_tangents(mesh, hit),
+            SurfaceShape::Paged(_) => self.geometry.with_paged(hit, |mesh, hit| mesh_tangents(mesh, hit)),
             SurfaceShape::Patches(patches) => patch_tangents(patches, hit),
             SurfaceShape::Quadric(q) => {
                 let at = self.on_quadric(q, hit, ray);
@@ -107,18 +108,10 @@ impl Surfaces<'_> {
     fn curvature_of_curved(&self, hit: &Hit, surface: usize) -> f32 {
         let surface = &self.geometry.surfaces[surface];
         let curvature = match &surface.shape {
-            SurfaceShape::Mesh(mesh) if !mesh.normals.is_empty() => {
-                let [i0, i1, i2] = mesh.indices[hit.primitive as usize].map(|i| i as usize);
-                let p0 = vec3(mesh.positions[i0]);
-                let (a, b) = (vec3(mesh.positions[i1]) - p0, vec3(mesh.positions[i2]) - p0);
-                let [n0, n1, n2] = [i0, i1, i2].map(|i| vec3(mesh.normals[i]).normalize_or_zero());
-                let n = a.cross(b);
-                // Half the divergence of the interpolated normal, by the gradients of barycentrics.
-                let divergence = b.cross(n).dot(n1 - n0) + n.cross(a).dot(n2 - n0);
-                0.5 * divergence / n.length_squared()
-            }
+            SurfaceShape::Mesh(mesh) => mesh_curvature(mesh, hit),
+            SurfaceShape::Paged(_) => self.geometry.with_paged(hit, mesh_curvature),
             SurfaceShape::Quadric(q) => q.curvature() * if surface.flip_normal { -1.0 } else { 1.0 },
-            SurfaceShape::Mesh(_) | SurfaceShape::Patches(_) => 0.0,
+            SurfaceShape::Patches(_) => 0.0,
         };
         let scale = match hit.instance {
             NONE => 1.0,
@@ -130,6 +123,21 @@ impl Surfaces<'_> {
         let curvature = curvature / scale;
         if curvature.is_finite() { curvature } else { 0.0 }
     }
+}
+
+/// Mean curvature by the normals of the corners.
+fn mesh_curvature(mesh: &Mesh, hit: &Hit) -> f32 {
+    if mesh.normals.is_empty() {
+        return 0.0;
+    }
+    let [i0, i1, i2] = mesh.indices[hit.primitive as usize].map(|i| i as usize);
+    let p0 = vec3(mesh.positions[i0]);
+    let (a, b) = (vec3(mesh.positions[i1]) - p0, vec3(mesh.positions[i2]) - p0);
+    let [n0, n1, n2] = [i0, i1, i2].map(|i| vec3(mesh.normals[i]).normalize_or_zero());
+    let n = a.cross(b);
+    // Half the divergence of the interpolated normal, by the gradients of barycentrics.
+    let divergence = b.cross(n).dot(n1 - n0) + n.cross(a).dot(n2 - n0);
+    0.5 * divergence / n.length_squared()
 }
 
 #[inline(always)]
@@ -208,7 +216,7 @@ mod tests {
             let g = geometry(&shape);
             let surfaces = Surfaces::new(&g, |_| Needs::UV);
             let instance = if shape.contains("Instance") { 0 } else { NONE };
-            let hit = |u, v| Hit { t: 1.0, u, v, geometry: 0, primitive: 0, instance };
+            let hit = |u, v| Hit { t: 1.0, u, v, geometry: 0, primitive: 0, instance, place: NONE };
             let ray = Ray::new(Vec3::ZERO, Vec3::Z);
             let at = |u, v| surfaces.surface_point(&hit(u, v), 0, || ray);
             let (u, v) = (0.3, 0.4);
@@ -229,7 +237,7 @@ mod tests {
         let surfaces = Surfaces::new(&g, |_| Needs::UV);
         // From the centre, so that points lie where the ray goes; the sphere's radius is 3.
         let ray = |d: Vec3| Ray::new(Vec3::new(1.0, 2.0, 3.0), d.normalize());
-        let hit = Hit { t: 3.0, u: 0.0, v: 0.0, geometry: 0, primitive: 0, instance: NONE };
+        let hit = Hit { t: 3.0, u: 0.0, v: 0.0, geometry: 0, primitive: 0, instance: NONE, place: NONE };
         let at = |d: Vec3| surfaces.surface_point(&hit, 0, || ray(d));
         let d = Vec3::new(0.3, 0.8, 0.4);
         let tangents = surfaces.tangents(&hit, 0, || ray(d));
@@ -256,7 +264,7 @@ mod tests {
         let shape = |n: f32| {
             format!("Shape \"trianglemesh\" \"point3 P\" [ {} ] \"normal N\" [ {} ]", list(2.0), list(n))
         };
-        let hit = Hit { t: 1.0, u: 0.3, v: 0.3, geometry: 0, primitive: 0, instance: NONE };
+        let hit = Hit { t: 1.0, u: 0.3, v: 0.3, geometry: 0, primitive: 0, instance: NONE, place: NONE };
         let curvature = |text: &str, hit: &Hit| {
             let g = geometry(text);
             Surfaces::new(&g, |_| Needs::default()).curvature(hit, 0)

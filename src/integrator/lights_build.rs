@@ -206,6 +206,7 @@ impl<'a> Build<'a> {
     /// no area.
     fn candidates(&self, surface: &Surface, textured: bool) -> Vec<(Option<Candidate>, usize)> {
         match &surface.shape {
+            SurfaceShape::Paged(_) => unreachable!("meshes that shine are not paged"),
             SurfaceShape::Mesh(mesh) => {
                 let corners = |i: usize| mesh.indices[i].map(|k| Vec3::from(mesh.positions[k as usize]));
                 let emits_along = |i: usize| {

@@ -4,11 +4,12 @@
 //! Never traces a ray itself.
 
 use super::job::{Job, Order};
-use super::load::load;
+use super::load::{load, open_pages};
 use super::{Control, Outcome, Progress};
-use crate::accel::{Accel, Builder, NONE};
+use crate::accel::{Accel, Builder, NONE, Pages};
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
+use crate::geometry::pages::PageStore;
 use crate::geometry::{self, Needs, SceneGeometry, Surfaces};
 use crate::integrator::camera::Camera;
 use crate::integrator::lights::Lights;
@@ -49,9 +50,12 @@ pub(super) fn render(
     let build_start = Instant::now();
     let builder = Builder::new(settings.backend, settings.robust, threads)?;
     let (world_geometry, objects, instances) = geometry.for_backend();
-    let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, &geometry))?;
+    let pages = geometry.pages.as_ref().map(|pages| pages as &dyn Pages);
+    let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, &geometry, pages))?;
     stats.time.build_s = build_start.elapsed().as_secs_f64();
-    stats.plan.bytes.geometry = geometry.bytes() + accel.bytes();
+    let staying = geometry.bytes() + accel.bytes();
+    open_pages(&geometry, staying, settings, threads)?;
+    stats.plan.bytes.geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
     stats.plan.bytes.textures = textures.store().all_bytes();
 
     let materials = Materials::new(scene, &textures, &tables);
@@ -82,10 +86,12 @@ pub(super) fn render(
 
     let buffer = FilmBuffer::new(film.crop);
     // Only where tiles may have to go and come again does the order of work cost anything.
-    let reads_tiles = !textures.store().all_tiles_fit();
+    let reads_tiles =
+        !textures.store().all_tiles_fit() || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
     let job = Job {
         world: &world,
         textures: textures.store(),
+        pages: geometry.pages.as_ref(),
         film: &film,
         filter: FilterSampler::new(&scene.filter),
         spp,
@@ -136,6 +142,7 @@ pub(super) fn render(
         crop: film.crop,
         full_size: [film.size.0, film.size.1],
         texture_memory: settings.texture_memory,
+        geometry_memory: settings.geometry_memory,
         texture_latency_s: settings.texture_latency_seconds,
     };
     stats.finish(&counters);
@@ -146,6 +153,14 @@ pub(super) fn render(
         stats.texture_cache = Some(cost);
         stats.miss_ratio.texture = cache.miss_ratio_curve();
         unreadable = cache.failures();
+    }
+    if let Some(pages) = &geometry.pages {
+        let (cost, curve, failures) = pages.stats();
+        stats.time.stall_s += cost.total.stall_s;
+        stats.memory.peak_accounted += cost.peak + cost.index_bytes;
+        stats.geometry_cache = Some(cost);
+        stats.miss_ratio.geometry = curve;
+        unreadable.extend(failures);
     }
     let notes = textures.store().notes().to_vec();
     let mut image = Image::cropped(film.size, film.crop);
@@ -202,7 +217,7 @@ fn emitters_only<'g>(
         return Ok(None);
     }
     let emitting = geometry.describe_emitters();
-    builder.build(&emitting, &[], &[], geometry).map(Some)
+    builder.build(&emitting, &[], &[], geometry, None).map(Some)
 }
 
 fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {

@@ -8,6 +8,7 @@ use super::{Control, Progress};
 use crate::accel::Accel;
 use crate::color::Rgb;
 use crate::film::{FilmBuffer, FilterSampler};
+use crate::geometry::pages::PageStore;
 use crate::integrator::path::{Wave, World};
 use crate::integrator::sampler::pixel_key;
 use crate::scene::Film;
@@ -41,6 +42,8 @@ pub(super) enum Order {
 pub(super) struct Job<'a, A: ?Sized> {
     pub(super) world: &'a World<'a, A>,
     pub(super) textures: &'a TextureStore,
+    /// Geometry that comes and goes, if any does.
+    pub(super) pages: Option<&'a PageStore>,
     pub(super) film: &'a Film,
     pub(super) buffer: FilmBuffer,
     pub(super) filter: FilterSampler,
@@ -83,6 +86,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let mut counters = Counters::default();
         let mut wave = Wave::default();
         let attached = self.textures.attach();
+        let held = self.pages.map(PageStore::hold);
         let mut scratch = Scratch::default();
         let tiles = u64::from(self.buffer.tile_count());
         let passes = u64::from(self.spp.div_ceil(PASS));
@@ -122,6 +126,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         }
         drop(abandon);
         drop(attached);
+        drop(held);
         if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
             counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
         }

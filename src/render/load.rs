@@ -4,8 +4,9 @@
 //! Never builds what is traced.
 
 use super::{Control, Progress};
-use crate::error::Result;
-use crate::geometry::{self, Opacity, SceneGeometry};
+use crate::error::{Error, Result};
+use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
+use crate::geometry::{self, Opacity, Paging, SceneGeometry};
 use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights_build::load_environments;
 use crate::prepare;
@@ -33,10 +34,15 @@ pub(super) fn load(
         latency: Duration::from_secs_f64(settings.texture_latency_seconds.max(0.0)),
         caching: Caching::Direct,
     };
+    let paging = settings.geometry_memory.map(|budget| Paging {
+        budget,
+        page_bytes: page_bytes(settings),
+        cache_dir: settings.cache_dir.clone(),
+    });
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let watch = Watch { cancel: control.cancel, progress: &converting };
     let (geometry, (store, environments)) = rayon::join(
-        || geometry::load(scene),
+        || geometry::load(scene, paging.as_ref()),
         || {
             rayon::join(
                 || TextureStore::load(&scene.images, &needs, &options, watch),
@@ -50,6 +56,31 @@ pub(super) fn load(
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
     }
     Ok((geometry, textures, environments?))
+}
+
+/// Whole blocks of 4 KiB, as direct reads take them.
+fn page_bytes(settings: &RenderSettings) -> usize {
+    let asked = settings.page_bytes.unwrap_or(DEFAULT_PAGE_BYTES);
+    asked.next_multiple_of(LEAST_PAGE_BYTES).clamp(LEAST_PAGE_BYTES, MOST_PAGE_BYTES)
+}
+
+/// Gives pages what is left of the memory for geometry when what stays has been put in its place.
+pub(super) fn open_pages(
+    geometry: &SceneGeometry,
+    staying: u64,
+    settings: &RenderSettings,
+    threads: usize,
+) -> Result<()> {
+    let Some(budget) = settings.geometry_memory else { return Ok(()) };
+    let least = geometry.pages.as_ref().map_or(0, |pages| pages.least(threads));
+    let Some(left) = budget.checked_sub(staying).filter(|&left| left >= least) else {
+        let needed = staying + least;
+        return Err(Error::Usage(format!(
+            "a geometry memory of {budget} bytes is too small: --geometry-memory {needed} would do; {staying} bytes \
+             stay (small, shining and masked shapes, and what finds pages), and {threads} threads need two pages each"
+        )));
+    };
+    geometry.pages.as_ref().map_or(Ok(()), |pages| pages.open(left, threads))
 }
 
 /// Half of what is free: the other half is for geometry, and for what nobody counts.

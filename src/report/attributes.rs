@@ -18,6 +18,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         rays,
         memory,
         texture_cache: _,
+        geometry_cache: _,
         miss_ratio: _,
         threads,
         busy,
@@ -35,6 +36,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         crop: _,
         full_size: _,
         texture_memory: _,
+        geometry_memory: _,
         texture_latency_s: _,
     } = settings;
     let PlanStats { bytes: _ } = plan;

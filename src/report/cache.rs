@@ -7,11 +7,15 @@ use std::io::{self, Write};
 /// Files that are listed: those that read most.
 const FILES: usize = 8;
 
-pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Result<()> {
+pub(super) fn write_cache(
+    stats: &CacheStats,
+    (what, piece): (&str, &str),
+    out: &mut impl Write,
+) -> io::Result<()> {
     let (row, c) = (&stats.total, &stats.total.counts);
     writeln!(
         out,
-        "textures  budget {}, peak {}; beside it {} of indices and {} of buffer a thread",
+        "{what}  budget {}, peak {}; beside it {} of indices and {} of buffer a thread",
         bytes(stats.budget),
         bytes(stats.peak),
         bytes(stats.index_bytes),
@@ -19,7 +23,7 @@ pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Resul
     )?;
     writeln!(
         out,
-        "          {} tile look-ups: {} in the thread's own tiles, {} in the shared cache, {} misses",
+        "          {} {piece} look-ups: {} in the thread's own {piece}s, {} in the shared cache, {} misses",
         count(c.lookups as f64),
         share(c.micro_hits, c.lookups),
         share(c.hits, c.lookups),
@@ -55,7 +59,7 @@ pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Resul
     let used = |rows: &[CacheCounts]| rows.iter().rposition(|r| r.lookups > 0).map_or(0, |last| last + 1);
     let depths: Vec<CacheCounts> = stats.by_depth.iter().map(|row| row.counts).collect();
     for (depth, row) in depths.iter().enumerate().take(used(&depths)) {
-        writeln!(out, "  depth {depth:2}  {}", line(row))?;
+        writeln!(out, "  depth {depth:2}  {}", line(row, piece))?;
     }
     let mut levels: Vec<CacheCounts> = Vec::new();
     for file in &stats.by_file {
@@ -65,14 +69,14 @@ pub(super) fn write_cache(stats: &CacheStats, out: &mut impl Write) -> io::Resul
         }
     }
     for (level, row) in levels.iter().enumerate().take(used(&levels)) {
-        writeln!(out, "  level {level:2}  {}", line(row))?;
+        writeln!(out, "  level {level:2}  {}", line(row, piece))?;
     }
     let mut files: Vec<_> = stats.by_file.iter().collect();
     files.sort_by(|a, b| {
         b.total.counts.bytes_loaded.cmp(&a.total.counts.bytes_loaded).then(a.file.cmp(&b.file))
     });
     for file in files.iter().take(FILES) {
-        writeln!(out, "  {}: {}", file.file, line(&file.total.counts))?;
+        writeln!(out, "  {}: {}", file.file, line(&file.total.counts, piece))?;
     }
     if files.len() > FILES {
         writeln!(out, "  and {} files that read less", files.len() - FILES)?;
@@ -84,9 +88,9 @@ fn share(part: u64, whole: u64) -> String {
     format!("{:.2} %", part as f64 / whole.max(1) as f64 * 100.0)
 }
 
-fn line(row: &CacheCounts) -> String {
+fn line(row: &CacheCounts, piece: &str) -> String {
     format!(
-        "{} look-ups, {} tiles read, {} of them again, {} loaded, footprint {}",
+        "{} look-ups, {} {piece}s read, {} of them again, {} loaded, footprint {}",
         count(row.lookups as f64),
         count(row.reads() as f64),
         count(row.misses_capacity as f64),

@@ -65,6 +65,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         rays,
         memory,
         texture_cache,
+        geometry_cache,
         // A curve is not for text; what it says stands with its cache.
         miss_ratio: _,
         threads,
@@ -139,7 +140,11 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         bytes(plan.bytes.geometry),
         bytes(plan.bytes.textures)
     )?;
-    texture_cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, out))
+    let words = [("textures", "tile"), ("geometry", "page")];
+    for (cache, words) in [texture_cache, geometry_cache].into_iter().zip(words) {
+        cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, words, out))?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

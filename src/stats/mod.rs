@@ -68,6 +68,9 @@ pub struct RenderStats {
     /// Textures that are read tile by tile; absent where none is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texture_cache: Option<CacheStats>,
+    /// Geometry that is read page by page; absent where all of it stays.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub geometry_cache: Option<CacheStats>,
     /// What caches of other sizes would have missed.
     pub miss_ratio: MissRatios,
     /// Worker threads.
@@ -104,6 +107,8 @@ pub struct EffectiveSettings {
     pub full_size: [u32; 2],
     /// Bytes of textures that were asked to be in memory at most; `None` when nothing was asked.
     pub texture_memory: Option<u64>,
+    /// Bytes of geometry that were asked to be in memory at most; `None` when nothing was asked.
+    pub geometry_memory: Option<u64>,
     /// Least time that a read of a texture tile took.
     pub texture_latency_s: f64,
 }

@@ -66,6 +66,10 @@ impl Stored {
     }
 }
 
+/// Tiles that each thread holds for itself, at most. More would hide from the miss-ratio curve what
+/// a cache of a few hundred tiles would have missed.
+const THREAD_TILES: usize = 32;
+
 /// One image, as it is kept.
 enum Image {
     Whole(Stored),
@@ -181,7 +185,8 @@ impl TextureStore {
         let mut store = Self { images, cache: None, names, notes };
         if !tiled.is_empty() {
             let budget = options.budget - store.bytes();
-            let options = CacheOptions { budget, threads: options.threads, latency: options.latency };
+            let (threads, latency) = (options.threads, options.latency);
+            let options = CacheOptions { budget, threads, latency, thread_tiles: THREAD_TILES };
             store.cache = Some(Box::new(TileCache::new(tiled, options)?));
         }
         Ok(store)

@@ -8,7 +8,9 @@
 
 mod build;
 mod collapse;
+mod leaves;
 mod memory;
+mod page;
 mod plain;
 mod primitives;
 mod query;
@@ -21,5 +23,6 @@ mod triangle;
 mod wide;
 
 pub use build::{BuildSettings, SplitRule};
+pub use page::{MAX_TRIANGLES, PageTree, PageView, cut};
 pub use query::Work;
 pub use scene::{BvhScene, Form};

@@ -1,9 +1,10 @@
-//! Traversal of the plain form: depth first, nearer child first, one box at a time.
+//! Traversal one box at a time: of the plain form, depth first and nearer child first, and of the wide form for
+//! processors without its instructions.
 //!
 //! Invariant: never misses a leaf that the wide form would enter; both compute boxes alike.
 
 use super::query::{Query, Work};
-use super::tree::Node;
+use super::tree::{Child, Node, WIDTH, Wide};
 
 /// What happens at leaves.
 pub(super) trait Leaves {
@@ -91,4 +92,49 @@ pub(super) fn traverse_fma<const COUNT: bool>(
     leaves: &mut impl Leaves,
 ) {
     traverse::<COUNT>(nodes, query, t_max, work, leaves);
+}
+
+/// The wide form, one box at a time.
+pub(super) fn traverse_wide<const COUNT: bool>(
+    nodes: &[Wide],
+    query: &Query,
+    mut t_max: f32,
+    work: &mut Work,
+    leaves: &mut impl Leaves,
+) {
+    let mut stack = [(0.0, Child::inner(0)); MAX_DEPTH * (WIDTH - 1) + 1];
+    let mut height = usize::from(!nodes.is_empty());
+    while height > 0 {
+        height -= 1;
+        let (near, at) = stack[height];
+        if near > t_max {
+            continue;
+        }
+        if at.is_leaf() {
+            if COUNT {
+                work.leaves += 1;
+            }
+            let (start, count) = at.run();
+            t_max = leaves.visit(start, count, t_max);
+            if t_max == f32::NEG_INFINITY {
+                return;
+            }
+            continue;
+        }
+        let node = &nodes[at.node()];
+        if COUNT {
+            work.nodes += 1;
+        }
+        let bottom = height;
+        for slot in 0..WIDTH {
+            let face = |upper: usize| [0, 1, 2].map(|k| node.planes[2 * k + upper][slot]);
+            let (near, far) = query.inside(face(0), face(1), t_max);
+            if near <= far {
+                stack[height] = (near, node.children[slot]);
+                height += 1;
+            }
+        }
+        // The nearest is taken up first.
+        stack[bottom..height].sort_by(|a, b| b.0.total_cmp(&a.0));
+    }
 }

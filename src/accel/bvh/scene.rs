@@ -5,15 +5,16 @@
 
 use super::build::{BuildSettings, build};
 use super::collapse::{into_blocks, widen};
+use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle};
 use super::memory::Frozen;
+use super::page::PageView;
 use super::plain::{self, Leaves};
 use super::primitives::{Reference, grown, triangles};
 use super::query::{Best, Met, Query, Work, into_object};
 use super::tree::{Block, MAX_STARTS, Node, Wide};
-use super::triangle::{candidates, candidates_and_hits, intersect};
 #[cfg(target_arch = "x86_64")]
 use super::wide;
-use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, Ray};
+use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, Pages, Ray};
 use crate::error::{Error, Result};
 use glam::{Mat4, Vec3};
 
@@ -69,21 +70,25 @@ impl Nodes {
 }
 
 /// What one traversal answers: the world's own geometry, or an object's.
-struct Object<'a> {
-    geometry: Vec<Geometry<'a>>,
+pub(super) struct Object<'a> {
+    pub(super) geometry: Vec<Geometry<'a>>,
     /// Whether any triangle has an alpha mask.
-    masked: bool,
+    pub(super) masked: bool,
     triangles: Nodes,
-    blocks: Frozen<Block>,
+    pub(super) blocks: Frozen<Block>,
     others: Nodes,
     /// What the leaves of `others` are runs of.
-    order: Vec<Reference>,
+    pub(super) order: Vec<Reference>,
+    /// Pages: geometry and name, by what references call their primitive.
+    pages: Vec<(u32, u32)>,
     lo: Vec3,
     hi: Vec3,
 }
 
 /// In place of a geometry's index: the primitive is an instance.
-const INSTANCE: u32 = NONE;
+pub(super) const INSTANCE: u32 = NONE;
+/// In place of a geometry's index: the primitive is a page.
+pub(super) const PAGE: u32 = NONE - 1;
 
 /// An object placed in the world.
 struct Placed {
@@ -98,7 +103,9 @@ pub struct BvhScene<'a> {
     world: Object<'a>,
     objects: Vec<Object<'a>>,
     instances: Vec<Placed>,
-    custom: &'a dyn Custom,
+    pub(super) custom: &'a dyn Custom,
+    /// Where pages come from, if any are asked for.
+    pages: Option<&'a dyn Pages>,
     /// Largest coordinate of any tree, without sign.
     reach: f32,
     /// Whether the processor multiplies and adds at once.
@@ -115,6 +122,7 @@ impl<'a> BvhScene<'a> {
         objects: &[Vec<Geometry<'a>>],
         instances: &[InstanceOf],
         custom: &'a dyn Custom,
+        pages: Option<&'a dyn Pages>,
         form: Form,
     ) -> Result<Self> {
         let form = if has_fma() { form } else { Form::Plain };
@@ -130,7 +138,7 @@ impl<'a> BvhScene<'a> {
             .map(|o| o.lo.abs().max(o.hi.abs()).max_element())
             .filter(|r| r.is_finite())
             .fold(0.0, f32::max);
-        Ok(Self { world, objects, instances: placed, custom, reach, fma: has_fma() })
+        Ok(Self { world, objects, instances: placed, custom, pages, reach, fma: has_fma() })
     }
 
     /// The nearest hit, counting what it took.
@@ -164,7 +172,7 @@ impl<'a> BvhScene<'a> {
     }
 
     #[inline(always)]
-    fn nearest_in<const COUNT: bool>(
+    pub(super) fn nearest_in<const COUNT: bool>(
         &self,
         object: &Object<'a>,
         instance: u32,
@@ -175,7 +183,8 @@ impl<'a> BvhScene<'a> {
     ) {
         if !object.blocks.is_empty() {
             let blocks = object.blocks.elements();
-            let mut leaves = NearestTriangle { scene: self, object, blocks, instance, ray, query, best };
+            let mut leaves =
+                NearestTriangle { scene: self, object, blocks, page: None, instance, ray, query, best };
             let t_max = leaves.best.hit.t;
             self.traverse::<COUNT, true>(&object.triangles, query, t_max, work, &mut leaves);
         }
@@ -197,7 +206,7 @@ impl<'a> BvhScene<'a> {
     }
 
     #[inline(always)]
-    fn any_in<const COUNT: bool>(
+    pub(super) fn any_in<const COUNT: bool>(
         &self,
         object: &Object<'a>,
         ray: &Ray,
@@ -251,9 +260,78 @@ impl<'a> BvhScene<'a> {
         }
     }
 
+    /// Looks into the page `r`, if the ray enters its box nearer than the best hit.
+    #[inline(never)]
+    pub(super) fn nearest_in_page<const COUNT: bool>(
+        &self,
+        leaves: &mut NearestOther<'_, 'a, COUNT>,
+        r: &Reference,
+    ) {
+        let NearestOther { object, instance, ray, query, best, work, .. } = leaves;
+        let (lo, hi) = r.corners();
+        let (near, far) = query.inside(lo, hi, best.hit.t);
+        let Some(pages) = self.pages.filter(|_| near <= far) else { return };
+        let page = object.pages[r.primitive as usize];
+        pages.visit(page.1, &mut |bytes| {
+            let view = PageView::new(bytes);
+            let t_max = best.hit.t;
+            let mut inner = NearestTriangle {
+                scene: self,
+                object,
+                blocks: view.blocks,
+                page: Some(page),
+                instance: *instance,
+                ray,
+                query,
+                best,
+            };
+            self.traverse_wide::<COUNT, true>(view.nodes, query, t_max, work, &mut inner);
+        });
+    }
+
+    /// Whether anything in the page `r` is nearer than `t_max`.
+    #[inline(never)]
+    pub(super) fn any_in_page<const COUNT: bool>(
+        &self,
+        leaves: &mut AnyOther<'_, 'a, COUNT>,
+        r: &Reference,
+        t_max: f32,
+    ) -> bool {
+        let AnyOther { object, ray, query, work, .. } = leaves;
+        let (lo, hi) = r.corners();
+        let (near, far) = query.inside(lo, hi, t_max);
+        let Some(pages) = self.pages.filter(|_| near <= far) else { return false };
+        let mut found = false;
+        pages.visit(object.pages[r.primitive as usize].1, &mut |bytes| {
+            let view = PageView::new(bytes);
+            let mut inner =
+                AnyTriangle { scene: self, object, blocks: view.blocks, ray, query, found: false };
+            self.traverse_wide::<COUNT, false>(view.nodes, query, t_max, work, &mut inner);
+            found = inner.found;
+        });
+        found
+    }
+
+    #[inline(always)]
+    fn traverse_wide<const COUNT: bool, const ORDERED: bool>(
+        &self,
+        nodes: &[Wide],
+        query: &Query,
+        t_max: f32,
+        work: &mut Work,
+        leaves: &mut impl Leaves,
+    ) {
+        #[cfg(target_arch = "x86_64")]
+        if self.fma {
+            // SAFETY: `has_fma` has found every feature.
+            return unsafe { wide::traverse::<COUNT, ORDERED>(nodes, query, t_max, work, leaves) };
+        }
+        plain::traverse_wide::<COUNT>(nodes, query, t_max, work, leaves);
+    }
+
     /// An instance, the ray in its space and where that enters its box.
     #[inline(always)]
-    fn enter(
+    pub(super) fn enter(
         &self,
         instance: u32,
         ray: &Ray,
@@ -272,7 +350,7 @@ impl<'a> BvhScene<'a> {
     }
 
     #[inline(always)]
-    fn passes(&self, name: Option<u32>, primitive: u32, met: Met, ray: &Ray) -> bool {
+    pub(super) fn passes(&self, name: Option<u32>, primitive: u32, met: Met, ray: &Ray) -> bool {
         name.is_some_and(|name| !self.custom.is_opaque(name, primitive, (met.t, met.u, met.v), ray))
     }
 }
@@ -286,9 +364,17 @@ impl<'a> Object<'a> {
     ) -> Result<Self> {
         let mut of_triangles = triangles(geometry);
         let mut order = instances;
+        let mut pages = Vec::new();
         for (name, g) in geometry.iter().enumerate() {
-            let Geometry::Custom { count, user, .. } = *g else { continue };
             let name = u32::try_from(name).expect("geometries are counted in u32");
+            if let Geometry::Pages { first, bounds } = *g {
+                order.extend(bounds.iter().zip(0u32..).filter_map(|(&[lo, hi], i)| {
+                    let primitive = u32::try_from(pages.len()).ok()?;
+                    pages.push((name, first + i));
+                    Reference::new(lo, hi, PAGE, primitive)
+                }));
+            }
+            let Geometry::Custom { count, user, .. } = *g else { continue };
             order.extend((0..count).filter_map(|primitive| {
                 let (lo, hi) = grown(custom.bounds(user, primitive));
                 Reference::new(lo, hi, name, primitive)
@@ -317,6 +403,7 @@ impl<'a> Object<'a> {
             blocks,
             others: Nodes::new(other_nodes, form),
             order,
+            pages,
             lo,
             hi,
         })
@@ -327,10 +414,11 @@ impl<'a> Object<'a> {
     }
 
     #[inline(always)]
-    fn alpha(&self, geometry: u32) -> Option<u32> {
+    pub(super) fn alpha(&self, geometry: u32) -> Option<u32> {
         match self.geometry[geometry as usize] {
             Geometry::Triangles { alpha, .. } => alpha,
             Geometry::Custom { user, alpha, .. } => alpha.then_some(user),
+            Geometry::Pages { .. } => None,
         }
     }
 }
@@ -380,167 +468,5 @@ impl Accel for BvhScene<'_> {
 
     fn bounds(&self) -> (Vec3, Vec3) {
         (self.world.lo, self.world.hi)
-    }
-}
-
-struct NearestTriangle<'s, 'a> {
-    scene: &'s BvhScene<'a>,
-    object: &'s Object<'a>,
-    blocks: &'s [Block],
-    instance: u32,
-    ray: &'s Ray,
-    query: &'s Query,
-    best: &'s mut Best,
-}
-
-impl<'s, 'a> Leaves for NearestTriangle<'s, 'a> {
-    #[inline(always)]
-    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
-        let blocks = self.blocks;
-        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
-    }
-
-    #[inline(always)]
-    fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
-        for block in &self.blocks[start..start + count] {
-            let mut lanes = candidates(self.query, block);
-            while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
-                lanes &= lanes - 1;
-                let Some(met) = intersect(self.query, block, lane) else { continue };
-                let (geometry, primitive) = (block.geometry[lane], block.primitive[lane]);
-                if !self.best.is_beaten_by(met.t, self.instance, geometry, primitive)
-                    || self.scene.passes(self.object.alpha(geometry), primitive, met, self.ray)
-                {
-                    continue;
-                }
-                let Met { t, u, v } = met;
-                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance });
-            }
-        }
-        self.best.hit.t
-    }
-}
-
-struct AnyTriangle<'s, 'a> {
-    scene: &'s BvhScene<'a>,
-    object: &'s Object<'a>,
-    blocks: &'s [Block],
-    ray: &'s Ray,
-    query: &'s Query,
-    found: bool,
-}
-
-impl<'s, 'a> Leaves for AnyTriangle<'s, 'a> {
-    #[inline(always)]
-    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
-        let blocks = self.blocks;
-        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
-    }
-
-    #[inline(always)]
-    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
-        for block in &self.blocks[start..start + count] {
-            let (mut lanes, hits) = candidates_and_hits(self.query, block, t_max);
-            if hits != 0 && !self.object.masked {
-                self.found = true;
-                return f32::NEG_INFINITY;
-            }
-            while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize;
-                lanes &= lanes - 1;
-                let Some(met) = intersect(self.query, block, lane) else { continue };
-                let alpha = self.object.alpha(block.geometry[lane]);
-                if met.t < t_max && !self.scene.passes(alpha, block.primitive[lane], met, self.ray) {
-                    self.found = true;
-                    return f32::NEG_INFINITY;
-                }
-            }
-        }
-        t_max
-    }
-}
-
-/// A primitive that intersects itself, held to its own box as triangles are.
-#[inline(always)]
-fn meet_custom(
-    scene: &BvhScene<'_>,
-    object: &Object<'_>,
-    reference: &Reference,
-    ray: &Ray,
-    query: &Query,
-    t_max: f32,
-) -> Option<Met> {
-    let Geometry::Custom { user, .. } = object.geometry[reference.geometry as usize] else {
-        unreachable!("triangles have a tree of their own")
-    };
-    // A hit at the very distance of the best may have the smaller name.
-    let within = Ray { t_max: t_max.next_up(), ..*ray };
-    let (t, u, v) = scene.custom.intersect(user, reference.primitive, &within)?;
-    let (lo, hi) = reference.corners();
-    let (near, _) = query.inside(lo, hi, f32::INFINITY);
-    let met = Met { t: t.max(near).max(query.floor), u, v };
-    (!scene.passes(object.alpha(reference.geometry), reference.primitive, met, ray)).then_some(met)
-}
-
-struct NearestOther<'s, 'a, const COUNT: bool> {
-    scene: &'s BvhScene<'a>,
-    object: &'s Object<'a>,
-    instance: u32,
-    ray: &'s Ray,
-    query: &'s Query,
-    best: &'s mut Best,
-    work: &'s mut Work,
-}
-
-impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
-    fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
-        for r in &self.object.order[start..start + count] {
-            let t_max = self.best.hit.t;
-            if r.geometry == INSTANCE {
-                if let Some((object, ray, query)) = self.scene.enter(r.primitive, self.ray, self.query, t_max)
-                {
-                    self.scene.nearest_in::<COUNT>(object, r.primitive, &ray, &query, self.best, self.work);
-                }
-                continue;
-            }
-            let Some(met) = meet_custom(self.scene, self.object, r, self.ray, self.query, t_max) else {
-                continue;
-            };
-            let Met { t, u, v } = met;
-            if self.best.is_beaten_by(t, self.instance, r.geometry, r.primitive) {
-                let (geometry, primitive) = (r.geometry, r.primitive);
-                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance });
-            }
-        }
-        self.best.hit.t
-    }
-}
-
-struct AnyOther<'s, 'a, const COUNT: bool> {
-    scene: &'s BvhScene<'a>,
-    object: &'s Object<'a>,
-    ray: &'s Ray,
-    query: &'s Query,
-    found: bool,
-    work: &'s mut Work,
-}
-
-impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
-    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
-        for r in &self.object.order[start..start + count] {
-            self.found = if r.geometry == INSTANCE {
-                self.scene.enter(r.primitive, self.ray, self.query, t_max).is_some_and(
-                    |(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, self.work),
-                )
-            } else {
-                meet_custom(self.scene, self.object, r, self.ray, self.query, t_max)
-                    .is_some_and(|m| m.t < t_max)
-            };
-            if self.found {
-                return f32::NEG_INFINITY;
-            }
-        }
-        t_max
     }
 }

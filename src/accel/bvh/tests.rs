@@ -105,6 +105,7 @@ impl Soup {
                     geometry: 0,
                     primitive: i as u32,
                     instance: NONE,
+                    place: NONE,
                 });
             }
         }
@@ -146,7 +147,7 @@ fn rays(soup: &Soup, count: usize, seed: u64) -> Vec<Ray> {
 }
 
 fn bits(hit: &Hit) -> [u32; 6] {
-    let Hit { t, u, v, geometry, primitive, instance } = *hit;
+    let Hit { t, u, v, geometry, primitive, instance, place: _ } = *hit;
     [t.to_bits(), u.to_bits(), v.to_bits(), geometry, primitive, instance]
 }
 
@@ -156,7 +157,7 @@ fn both_forms_find_what_asking_every_triangle_finds_to_the_bit() {
     for (count, seed) in [(1, 1), (3, 2), (17, 3), (300, 4), (3000, 5)] {
         let soup = soup(count, seed);
         let build =
-            |form| BvhScene::new(&[soup.geometry()], &[], &[], &nothing, form).expect("few triangles");
+            |form| BvhScene::new(&[soup.geometry()], &[], &[], &nothing, None, form).expect("few triangles");
         let (plain, wide) = (build(Form::Plain), build(Form::Wide));
         let mut hits = 0;
         for ray in rays(&soup, 4000, seed) {
@@ -190,8 +191,9 @@ fn instances_and_primitives_of_their_own_are_found_in_both_forms() {
         })
         .collect();
     let world = [Geometry::Custom { count: 5, user: 1, alpha: false }, soup.geometry()];
-    let build =
-        |form| BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, form).expect("few");
+    let build = |form| {
+        BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, None, form).expect("few")
+    };
     let (plain, wide) = (build(Form::Plain), build(Form::Wide));
     let mut seen = [0; 4];
     for ray in rays(&soup, 20_000, 8) {
@@ -214,7 +216,7 @@ fn the_tree_does_not_depend_on_the_number_of_threads() {
     let nothing = Spheres { radius: 0.0 };
     let build = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a few threads");
-        pool.install(|| BvhScene::new(&[soup.geometry()], &[], &[], &nothing, Form::best()))
+        pool.install(|| BvhScene::new(&[soup.geometry()], &[], &[], &nothing, None, Form::best()))
             .expect("few triangles")
     };
     let (one, three) = (build(1), build(3));
@@ -234,7 +236,7 @@ fn what_is_not_finite_is_left_out_and_the_rest_is_found() {
         }
     }
     let nothing = Spheres { radius: 0.0 };
-    let scene = BvhScene::new(&[soup.geometry()], &[], &[], &nothing, Form::best()).expect("few");
+    let scene = BvhScene::new(&[soup.geometry()], &[], &[], &nothing, None, Form::best()).expect("few");
     let finite = Soup { positions: soup.positions.clone(), indices: soup.indices[..good].to_vec() };
     for ray in rays(&finite, 1000, 11) {
         let truth = finite.brute(&ray);
@@ -246,7 +248,7 @@ fn what_is_not_finite_is_left_out_and_the_rest_is_found() {
 fn rays_that_are_no_rays_meet_nothing_and_end() {
     let soup = soup(500, 12);
     let nothing = Spheres { radius: 0.0 };
-    let scene = BvhScene::new(&[soup.geometry()], &[], &[], &nothing, Form::best()).expect("few");
+    let scene = BvhScene::new(&[soup.geometry()], &[], &[], &nothing, None, Form::best()).expect("few");
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38] {
         for axis in 0..3 {
             let mut origin = Vec3::ZERO;
@@ -279,7 +281,7 @@ fn a_hundred_thousand_triangles_in_one_place_take_bounded_time() {
     soup.indices.resize(100_000, [0, 1, 2]);
     let nothing = Spheres { radius: 0.0 };
     for form in [Form::Plain, Form::Wide] {
-        let scene = BvhScene::new(&[soup.geometry()], &[], &[], &nothing, form).expect("fits");
+        let scene = BvhScene::new(&[soup.geometry()], &[], &[], &nothing, None, form).expect("fits");
         let hit = scene.closest(&Ray::new(Vec3::new(0.25, 0.25, 1.0), Vec3::NEG_Z));
         assert_eq!((hit.t, hit.primitive), (1.0, 0), "of equal hits the first counts");
     }
@@ -289,7 +291,7 @@ fn a_hundred_thousand_triangles_in_one_place_take_bounded_time() {
 fn nothing_is_never_hit() {
     let nothing = Spheres { radius: 0.0 };
     for form in [Form::Plain, Form::Wide] {
-        let scene = BvhScene::new(&[], &[], &[], &nothing, form).expect("fits");
+        let scene = BvhScene::new(&[], &[], &[], &nothing, None, form).expect("fits");
         assert_eq!(scene.closest(&Ray::new(Vec3::ZERO, Vec3::Z)).geometry, NONE);
         assert!(!scene.occluded(&Ray::new(Vec3::ZERO, Vec3::Z)));
         let (lo, hi) = scene.bounds();

@@ -68,6 +68,12 @@ impl Child {
         self.0 & LEAF != 0
     }
 
+    /// Of an inner node: which.
+    #[inline(always)]
+    pub(super) fn node(self) -> usize {
+        self.0 as usize
+    }
+
     /// Of a leaf: its first primitive (block) and how many.
     #[inline(always)]
     pub(super) fn run(self) -> (usize, usize) {

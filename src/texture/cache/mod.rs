@@ -33,9 +33,6 @@ const TAILS: usize = 4;
 /// Shards hold at least so many tiles: below, chance makes their loads too unequal.
 const TILES_PER_SHARD: u64 = 64;
 const MAX_SHARDS: usize = 64;
-/// Tiles that each thread holds for itself, at most. More would hide from the miss-ratio curve what
-/// a cache of a few hundred tiles would have missed.
-const MAX_THREAD_TILES: usize = 32;
 
 /// How a cache is made.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +43,8 @@ pub struct CacheOptions {
     pub threads: usize,
     /// A read takes at least so long: slow storage, simulated.
     pub latency: Duration,
+    /// Tiles that each thread holds for itself, at most.
+    pub thread_tiles: usize,
 }
 
 /// One file's part of the cache.
@@ -135,8 +134,9 @@ impl TileCache {
         let shards = 1usize << shards.ilog2();
         // A quarter of the budget at most is in threads' hands, a sixteenth in levels that stay; what
         // threads hold and read always fits beside that.
-        let thread_tiles =
-            (options.budget / (4 * threads * largest)).saturating_sub(1).clamp(1, MAX_THREAD_TILES as u64);
+        let thread_tiles = (options.budget / (4 * threads * largest))
+            .saturating_sub(1)
+            .clamp(1, options.thread_tiles.max(1) as u64);
         Ok(Self {
             budget: options.budget,
             least,

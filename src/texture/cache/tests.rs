@@ -54,7 +54,8 @@ fn numbers(bytes: usize) -> Numbers {
 
 fn cache(files: Vec<Numbers>, budget: u64, threads: usize) -> TileCache {
     let files = files.into_iter().map(|f| Box::new(f) as Box<dyn TileSource>).collect();
-    TileCache::new(files, CacheOptions { budget, threads, latency: Duration::ZERO }).expect("enough")
+    TileCache::new(files, CacheOptions { budget, threads, latency: Duration::ZERO, thread_tiles: 32 })
+        .expect("enough")
 }
 
 /// What one tile of `bytes` takes.
@@ -124,7 +125,7 @@ fn every_texel_is_right_and_every_byte_counted_at_every_budget() {
 #[test]
 fn a_budget_below_two_tiles_a_thread_is_refused_with_the_number_that_would_do() {
     let make = |budget, threads| {
-        let options = CacheOptions { budget, threads, latency: Duration::ZERO };
+        let options = CacheOptions { budget, threads, latency: Duration::ZERO, thread_tiles: 32 };
         TileCache::new(vec![Box::new(numbers(12_288)) as Box<dyn TileSource>], options)
     };
     let least = 2 * 3 * one(12_288);
@@ -264,7 +265,8 @@ fn a_reader_that_panics_leaves_nobody_waiting() {
         fn fill_unreadable(&self, _: &mut [u8]) {}
     }
     let source: Box<dyn TileSource> = Box::new(Panics(AtomicBool::new(true)));
-    let options = CacheOptions { budget: 8 * one(4096), threads: 2, latency: Duration::ZERO };
+    let options =
+        CacheOptions { budget: 8 * one(4096), threads: 2, latency: Duration::ZERO, thread_tiles: 32 };
     let cache = TileCache::new(vec![source], options).expect("enough");
     std::thread::scope(|scope| {
         let first = scope.spawn(|| ThreadCache::new(&cache).tile(&cache, 0, 0).len());

@@ -257,6 +257,32 @@ impl TiledFile {
     }
 }
 
+/// A file of somebody else's making that is read as tiles are: at positions, past the page cache, and an error
+/// when it has changed.
+pub(crate) struct RawFile(PooledFile);
+
+impl RawFile {
+    /// Opens `path` for the first time.
+    pub(crate) fn open(path: &Path, files: &Arc<FilePool>) -> Result<Self> {
+        files.open(path).map(Self)
+    }
+
+    /// Where it lies.
+    pub(crate) fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// Fills `out` from `offset` on; how many bytes were read for it.
+    pub(crate) fn read(
+        &self,
+        offset: u64,
+        out: &mut [u8],
+        scratch: &mut TileScratch,
+    ) -> std::result::Result<u64, Cause> {
+        self.0.read_into(offset, out, &mut scratch.raw)
+    }
+}
+
 /// One thread's buffers; grow to what the largest tile needs and stay.
 #[derive(Default)]
 pub struct TileScratch {

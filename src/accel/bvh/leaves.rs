@@ -1,0 +1,186 @@
+//! What happens at the leaves of a traversal: triangles, primitives of their own, instances and pages are asked.
+//!
+//! Invariant: of hits at one distance the smallest name counts, whichever leaf comes first.
+
+use super::page;
+use super::plain::{self, Leaves};
+use super::primitives::Reference;
+use super::query::{Best, Met, Query, Work};
+use super::scene::{BvhScene, INSTANCE, Object, PAGE};
+use super::tree::{Block, LANES};
+use super::triangle::{candidates, candidates_and_hits, intersect};
+use crate::accel::{Geometry, Hit, NONE, Ray};
+
+pub(super) struct NearestTriangle<'s, 'a> {
+    pub(super) scene: &'s BvhScene<'a>,
+    pub(super) object: &'s Object<'a>,
+    pub(super) blocks: &'s [Block],
+    /// Where they are a page's: the geometry that it belongs to, and its name.
+    pub(super) page: Option<(u32, u32)>,
+    pub(super) instance: u32,
+    pub(super) ray: &'s Ray,
+    pub(super) query: &'s Query,
+    pub(super) best: &'s mut Best,
+}
+
+impl<'s, 'a> Leaves for NearestTriangle<'s, 'a> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
+        let blocks = self.blocks;
+        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
+        for (at, block) in self.blocks[start..start + count].iter().enumerate() {
+            let mut lanes = candidates(self.query, block);
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                let Some(met) = intersect(self.query, block, lane) else { continue };
+                let primitive = block.primitive[lane];
+                let (geometry, place) = match self.page {
+                    None => (block.geometry[lane], NONE),
+                    Some((geometry, page)) => (geometry, page::place(page, (start + at) * LANES + lane)),
+                };
+                if !self.best.is_beaten_by(met.t, self.instance, geometry, primitive)
+                    || self.scene.passes(self.object.alpha(geometry), primitive, met, self.ray)
+                {
+                    continue;
+                }
+                let Met { t, u, v } = met;
+                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance, place });
+            }
+        }
+        self.best.hit.t
+    }
+}
+
+pub(super) struct AnyTriangle<'s, 'a> {
+    pub(super) scene: &'s BvhScene<'a>,
+    pub(super) object: &'s Object<'a>,
+    pub(super) blocks: &'s [Block],
+    pub(super) ray: &'s Ray,
+    pub(super) query: &'s Query,
+    pub(super) found: bool,
+}
+
+impl<'s, 'a> Leaves for AnyTriangle<'s, 'a> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
+        let blocks = self.blocks;
+        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
+        for block in &self.blocks[start..start + count] {
+            let (mut lanes, hits) = candidates_and_hits(self.query, block, t_max);
+            if hits != 0 && !self.object.masked {
+                self.found = true;
+                return f32::NEG_INFINITY;
+            }
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                let Some(met) = intersect(self.query, block, lane) else { continue };
+                let alpha = self.object.alpha(block.geometry[lane]);
+                if met.t < t_max && !self.scene.passes(alpha, block.primitive[lane], met, self.ray) {
+                    self.found = true;
+                    return f32::NEG_INFINITY;
+                }
+            }
+        }
+        t_max
+    }
+}
+
+/// A primitive that intersects itself, held to its own box as triangles are.
+#[inline(always)]
+fn meet_custom(
+    scene: &BvhScene<'_>,
+    object: &Object<'_>,
+    reference: &Reference,
+    ray: &Ray,
+    query: &Query,
+    t_max: f32,
+) -> Option<Met> {
+    let Geometry::Custom { user, .. } = object.geometry[reference.geometry as usize] else {
+        unreachable!("triangles have a tree of their own")
+    };
+    // A hit at the very distance of the best may have the smaller name.
+    let within = Ray { t_max: t_max.next_up(), ..*ray };
+    let (t, u, v) = scene.custom.intersect(user, reference.primitive, &within)?;
+    let (lo, hi) = reference.corners();
+    let (near, _) = query.inside(lo, hi, f32::INFINITY);
+    let met = Met { t: t.max(near).max(query.floor), u, v };
+    (!scene.passes(object.alpha(reference.geometry), reference.primitive, met, ray)).then_some(met)
+}
+
+pub(super) struct NearestOther<'s, 'a, const COUNT: bool> {
+    pub(super) scene: &'s BvhScene<'a>,
+    pub(super) object: &'s Object<'a>,
+    pub(super) instance: u32,
+    pub(super) ray: &'s Ray,
+    pub(super) query: &'s Query,
+    pub(super) best: &'s mut Best,
+    pub(super) work: &'s mut Work,
+}
+
+impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
+    fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
+        for r in &self.object.order[start..start + count] {
+            let t_max = self.best.hit.t;
+            if r.geometry == PAGE {
+                self.scene.nearest_in_page::<COUNT>(self, r);
+                continue;
+            }
+            if r.geometry == INSTANCE {
+                if let Some((object, ray, query)) = self.scene.enter(r.primitive, self.ray, self.query, t_max)
+                {
+                    self.scene.nearest_in::<COUNT>(object, r.primitive, &ray, &query, self.best, self.work);
+                }
+                continue;
+            }
+            let Some(met) = meet_custom(self.scene, self.object, r, self.ray, self.query, t_max) else {
+                continue;
+            };
+            let Met { t, u, v } = met;
+            if self.best.is_beaten_by(t, self.instance, r.geometry, r.primitive) {
+                let (geometry, primitive) = (r.geometry, r.primitive);
+                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance, place: NONE });
+            }
+        }
+        self.best.hit.t
+    }
+}
+
+pub(super) struct AnyOther<'s, 'a, const COUNT: bool> {
+    pub(super) scene: &'s BvhScene<'a>,
+    pub(super) object: &'s Object<'a>,
+    pub(super) ray: &'s Ray,
+    pub(super) query: &'s Query,
+    pub(super) found: bool,
+    pub(super) work: &'s mut Work,
+}
+
+impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
+    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
+        for r in &self.object.order[start..start + count] {
+            self.found = if r.geometry == PAGE {
+                self.scene.any_in_page::<COUNT>(self, r, t_max)
+            } else if r.geometry == INSTANCE {
+                self.scene.enter(r.primitive, self.ray, self.query, t_max).is_some_and(
+                    |(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, self.work),
+                )
+            } else {
+                meet_custom(self.scene, self.object, r, self.ray, self.query, t_max)
+                    .is_some_and(|m| m.t < t_max)
+            };
+            if self.found {
+                return f32::NEG_INFINITY;
+            }
+        }
+        t_max
+    }
+}

@@ -1,0 +1,26 @@
+//! Meshes that do not stay: cut into pages on disk, which are resident while rays need them and memory lasts.
+//! A page holds its triangles, their tree and their attributes, and is used as it lies in memory, without parsing.
+//!
+//! Invariant: a page's triangles are those of the mesh, bit for bit, so that the picture does not depend on what was
+//! resident. Never decides which meshes are paged: the loader does.
+
+mod file;
+mod format;
+mod make;
+mod store;
+#[cfg(test)]
+mod tests;
+
+pub use store::{HeldPages, PageStore};
+
+pub use file::PagedMesh;
+
+pub(super) use file::PageFile;
+pub(super) use make::{PageMaker, Source};
+
+/// Bytes of a page unless told otherwise: some 900 triangles, a read of 20 µs.
+pub const DEFAULT_PAGE_BYTES: usize = 64 << 10;
+/// Least bytes of a page.
+pub const LEAST_PAGE_BYTES: usize = 4 << 10;
+/// Most bytes of a page: more triangles than places can name would not fill it.
+pub const MOST_PAGE_BYTES: usize = 128 << 10;
