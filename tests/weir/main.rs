@@ -25,6 +25,7 @@ mod cli;
 mod embree_abi;
 mod generate;
 mod order;
+mod pages;
 mod texture_files;
 mod textures;
 #[cfg(unix)]

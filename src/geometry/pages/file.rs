@@ -27,12 +27,10 @@ struct Head {
     /// What the file was made of.
     source: u64,
     triangles: u64,
-    /// Bytes of the mesh as it would be in memory.
-    mesh_bytes: u64,
     /// Length of the file.
     file_bytes: u64,
     pages: u32,
-    unused: u32,
+    unused: [u32; 3],
     /// Of the head, this being zero, and the boxes.
     checksum: u64,
 }
@@ -59,8 +57,6 @@ pub struct PagedMesh {
     pub(crate) bounds: Vec<Box3>,
     /// Triangles.
     pub(crate) triangles: u64,
-    /// Bytes of its vertices and corners were they in memory.
-    pub(crate) mesh_bytes: u64,
 }
 
 /// An open page file.
@@ -76,7 +72,7 @@ pub(super) fn write(
     out: &mut impl Write,
     source: u64,
     page_bytes: usize,
-    (triangles, mesh_bytes): (u64, u64),
+    triangles: u64,
     pages: &[(Vec<u8>, Box3)],
 ) -> io::Result<()> {
     let bounds: Vec<Box3> = pages.iter().map(|(_, b)| *b).collect();
@@ -87,10 +83,9 @@ pub(super) fn write(
         page_bytes: u32::try_from(page_bytes).expect("pages are small"),
         source,
         triangles,
-        mesh_bytes,
         file_bytes: start + (pages.len() * page_bytes) as u64,
         pages: u32::try_from(pages.len()).expect("pages are counted in u32"),
-        unused: 0,
+        unused: [0; 3],
         checksum: 0,
     };
     head.checksum = checksum(&head, &bounds);
@@ -133,7 +128,7 @@ pub(super) fn open(
         return None;
     }
     let file = RawFile::open(path, files).ok()?;
-    let mesh = PagedMesh { first: 0, bounds, triangles: head.triangles, mesh_bytes: head.mesh_bytes };
+    let mesh = PagedMesh { first: 0, bounds, triangles: head.triangles };
     Some((mesh, PageFile { file, page_bytes, pages: head.pages, start }))
 }
 
@@ -171,10 +166,13 @@ impl TileSource for PageFile {
         let wrong = |cause: &str| Error::file(self.path(), format!("page {tile}: {cause}"));
         let read = self.file.read(offset, out, scratch).map_err(|cause| wrong(&cause))?;
         if is_whole(out) {
-            Ok(read)
-        } else {
-            Err(wrong("its checksum is wrong; delete the file to have it made again"))
+            return Ok(read);
         }
+        // It would be found damaged again and again.
+        let _ = std::fs::remove_file(self.path());
+        Err(wrong(
+            "damaged, and triangles are missing from the image; the file has been deleted: render again",
+        ))
     }
 
     fn fill_unreadable(&self, out: &mut [u8]) {

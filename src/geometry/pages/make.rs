@@ -95,8 +95,8 @@ impl PageMaker {
             ))
         };
         DirBuilder::new().recursive(true).mode(0o700).create(&self.directory).map_err(cannot)?;
-        let about = (mesh.indices.len() as u64, mesh.bytes() as u64);
-        try_replace_entry(&path, |out| file::write(out, key, self.page_bytes, about, &pages))
+        let triangles = mesh.indices.len() as u64;
+        try_replace_entry(&path, |out| file::write(out, key, self.page_bytes, triangles, &pages))
             .map_err(cannot)?;
         file::open(&path, key, self.page_bytes, &self.files)
             .ok_or_else(|| cannot(io::Error::other("what was written there is not what is read back")))

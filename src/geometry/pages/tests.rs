@@ -1,1 +1,161 @@
+//! Pages against the meshes that they were cut from.
 
+use super::format::{encode, is_whole, read_triangle};
+use super::make::{PageMaker, Source};
+use super::store::PageStore;
+use super::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
+use crate::accel::bvh::{BvhScene, Form, PageView, cut};
+use crate::accel::{Accel, Custom, Geometry, Hit, NONE, Pages, Ray};
+use crate::geometry::Mesh;
+use crate::math::Transform;
+use glam::Vec3;
+use std::collections::BTreeSet;
+
+struct NoCustom;
+
+impl Custom for NoCustom {
+    fn bounds(&self, _: u32, _: u32) -> (Vec3, Vec3) {
+        unreachable!("triangles only")
+    }
+
+    fn intersect(&self, _: u32, _: u32, _: &Ray) -> Option<(f32, f32, f32)> {
+        unreachable!("triangles only")
+    }
+
+    fn is_opaque(&self, _: u32, _: u32, _: (f32, f32, f32), _: &Ray) -> bool {
+        true
+    }
+}
+
+/// A wavy sheet of 2·n² triangles with all attributes.
+fn sheet(n: u32) -> Mesh {
+    let mut mesh = Mesh::default();
+    for y in 0..=n {
+        for x in 0..=n {
+            let (u, v) = (x as f32 / n as f32, y as f32 / n as f32);
+            let h = 0.1 * (17.0 * u).sin() * (23.0 * v).cos();
+            mesh.positions.push([u, v, h]);
+            mesh.normals.push(Vec3::new(-h, h, 1.0).normalize().to_array());
+            mesh.uvs.push([3.0 * u, 2.0 * v]);
+            mesh.tangents.push([1.0, h, 0.0]);
+            if x < n && y < n {
+                let at = y * (n + 1) + x;
+                mesh.indices.push([at, at + 1, at + n + 2]);
+                mesh.indices.push([at, at + n + 2, at + n + 1]);
+            }
+        }
+    }
+    // Two that no ray can hit, and one twice.
+    mesh.positions.push([f32::NAN, 0.0, 0.0]);
+    mesh.normals.push([0.0, 0.0, 1.0]);
+    mesh.uvs.push([0.0; 2]);
+    mesh.tangents.push([1.0, 0.0, 0.0]);
+    let odd = mesh.positions.len() as u32 - 1;
+    mesh.indices.extend([[0, 1, odd], [odd; 3], mesh.indices[5]]);
+    mesh
+}
+
+#[test]
+fn every_triangle_that_can_be_hit_is_in_one_page_with_its_attributes() {
+    let mesh = sheet(60);
+    let mut seen = BTreeSet::new();
+    let groups = cut(&mesh.positions, &mesh.indices, None, 500);
+    assert_eq!(groups.len(), mesh.indices.len().div_ceil(500), "pages are full");
+    for names in groups {
+        let (bytes, _) = encode(&mesh, &names);
+        assert!(is_whole(&bytes));
+        let mut room = vec![0u8; bytes.len() + 64];
+        let start = room.as_ptr().align_offset(64);
+        room[start..start + bytes.len()].copy_from_slice(&bytes);
+        let page = &room[start..start + bytes.len()];
+        let view = PageView::new(page);
+        let mut one = Mesh::default();
+        for slot in 0..view.slots() {
+            let name = view.primitive(slot);
+            if name == NONE {
+                continue;
+            }
+            assert!(seen.insert(name), "triangle {name} is in two pages");
+            read_triangle(page, slot, &mut one);
+            let of = mesh.indices[name as usize].map(|i| i as usize);
+            assert_eq!(one.positions, of.map(|i| mesh.positions[i]));
+            assert_eq!(one.normals, of.map(|i| mesh.normals[i]));
+            assert_eq!(one.uvs, of.map(|i| mesh.uvs[i]));
+            assert_eq!(one.tangents, of.map(|i| mesh.tangents[i]));
+        }
+    }
+    // All but the two with a corner that is not a number.
+    assert_eq!(seen.len(), mesh.indices.len() - 2);
+}
+
+#[test]
+fn a_damaged_page_is_known() {
+    let mesh = sheet(8);
+    let names: Vec<u32> = (0..100).collect();
+    let (bytes, _) = encode(&mesh, &names);
+    for at in (0..bytes.len()).step_by(37) {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 16;
+        assert!(!is_whole(&damaged), "byte {at}");
+    }
+    for length in [0, 1, 8, 63, 64, bytes.len() - 1] {
+        assert!(!is_whole(&bytes[..length]), "cut at {length}");
+    }
+}
+
+fn bits(hit: &Hit) -> [u32; 6] {
+    [hit.t.to_bits(), hit.u.to_bits(), hit.v.to_bits(), hit.geometry, hit.primitive, hit.instance]
+}
+
+#[test]
+fn rays_through_pages_find_what_rays_through_the_mesh_find() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sheet.ply");
+    std::fs::write(&path, "stands for a mesh").expect("writable");
+    let mesh = sheet(70);
+    let whole = [Geometry::Triangles { positions: &mesh.positions, indices: &mesh.indices, alpha: None }];
+    let whole = BvhScene::new(&whole, &[], &[], &NoCustom, None, Form::best()).expect("few triangles");
+    for page_bytes in [LEAST_PAGE_BYTES, 16 << 10, MOST_PAGE_BYTES] {
+        let maker = PageMaker::new(Some(folder.path()), page_bytes).expect("a folder is given");
+        let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
+        assert!(maker.find(&source).expect("the source is there").is_none(), "nothing is made yet");
+        drop(maker.make(&source, &mesh).expect("room in the folder"));
+        let (paged, file) = maker.find(&source).expect("there").expect("it has been made");
+        assert_eq!(paged.triangles, mesh.indices.len() as u64);
+        let store = PageStore::new(vec![file], page_bytes).expect("few pages");
+        let budget = store.least(1) + 2 * page_bytes as u64;
+        store.open(budget, 1).expect("the least and more");
+        let geometry = [Geometry::Pages { first: 0, bounds: &paged.bounds }];
+        let pages: Option<&dyn Pages> = Some(&store);
+        let paged = BvhScene::new(&geometry, &[], &[], &NoCustom, pages, Form::best()).expect("few pages");
+        let held = store.hold();
+        let mut hits = 0;
+        for i in 0..4000u32 {
+            let r = |k: u32| {
+                (i.wrapping_mul(747_796_405).wrapping_add(k * 277_803_737) >> 8) as f32 / (1 << 24) as f32
+            };
+            let from = Vec3::new(r(1) * 1.4 - 0.2, r(2) * 1.4 - 0.2, if i % 2 == 0 { 1.0 } else { 0.05 });
+            let ray = Ray::new(from, Vec3::new(r(3), r(4), r(5) - 0.3) - from);
+            let (a, b) = (whole.closest(&ray), paged.closest(&ray));
+            assert_eq!(bits(&a), bits(&b), "{ray:?}: {a:?} {b:?}");
+            assert_eq!(whole.occluded(&ray), paged.occluded(&ray), "{ray:?}");
+            if a.geometry == NONE {
+                continue;
+            }
+            hits += 1;
+            store.with_triangle(b.place, |one| {
+                let of = mesh.indices[a.primitive as usize].map(|i| mesh.positions[i as usize]);
+                assert_eq!(one.positions, of);
+            });
+        }
+        assert!(hits > 1000, "{hits} hits");
+        drop(held);
+        let (cost, _, failures) = store.stats();
+        assert!(failures.is_empty(), "{failures:?}");
+        assert!(cost.peak <= budget, "{} bytes of {budget}", cost.peak);
+        assert!(
+            page_bytes == MOST_PAGE_BYTES || cost.total.counts.misses_capacity > 0,
+            "pages came and went"
+        );
+    }
+}
