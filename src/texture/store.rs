@@ -226,10 +226,14 @@ impl TextureStore {
         }
     }
 
-    #[inline(never)]
+    #[inline(always)]
     fn lookup_tiled(&self, image: &TiledImage, uv: Vec2, footprint: Footprint, sampler: Sampler) -> Vec4 {
         let cache = self.cache.as_deref().expect("a store with tiled images has a cache");
-        attached::with(cache, |thread| image.lookup(cache, thread, uv, footprint, sampler))
+        attached::with(
+            cache,
+            #[inline(always)]
+            |thread| image.lookup(cache, thread, uv, footprint, sampler),
+        )
     }
 
     /// Weighted sum of bilinear look-ups in one level of a tiled image, linear RGBA; for filters that

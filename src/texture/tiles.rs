@@ -15,6 +15,7 @@ use crate::scene::{Encoding, Wrap};
 use glam::Vec4;
 use half::f16;
 use std::marker::PhantomData;
+use std::ops::Range;
 
 /// What a tile's texels are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,8 +105,27 @@ impl TiledImage {
         (self.levels[0].width, self.levels[0].height)
     }
 
-    /// Filtered linear RGBA at `uv`.
+    /// Filtered linear RGBA at `uv`. The commonest texels are compiled into the caller, so that they
+    /// are looked up by the instructions that it may use.
+    #[inline(always)]
     pub(super) fn lookup(
+        &self,
+        cache: &TileCache,
+        thread: &mut ThreadCache,
+        uv: Vec2,
+        footprint: Footprint,
+        sampler: Sampler,
+    ) -> Vec4 {
+        match self.kind {
+            Kind::Rgb8 => self.lookup_as::<Rgb8>(cache, thread, uv, footprint, sampler),
+            Kind::Grey8 => self.lookup_as::<u8>(cache, thread, uv, footprint, sampler),
+            Kind::Rgba8 => self.lookup_as::<Rgba8>(cache, thread, uv, footprint, sampler),
+            _ => self.lookup_rare(cache, thread, uv, footprint, sampler),
+        }
+    }
+
+    #[inline(never)]
+    fn lookup_rare(
         &self,
         cache: &TileCache,
         thread: &mut ThreadCache,
@@ -116,7 +136,7 @@ impl TiledImage {
         with_texel!(self.kind, T => self.lookup_as::<T>(cache, thread, uv, footprint, sampler))
     }
 
-    #[inline]
+    #[inline(always)]
     fn lookup_as<T: Texel>(
         &self,
         cache: &TileCache,
@@ -265,6 +285,22 @@ impl<T: Texel> TexelSource for Tiles<'_, T> {
     #[inline(always)]
     fn quad_rgb(&mut self, level: usize, x: [u32; 2], y: [u32; 2]) -> [Vec4; 4] {
         self.quad_of(level, x, y, T::decode_rgb)
+    }
+
+    /// A tile is found once for its part of the row.
+    #[inline(always)]
+    fn run(&mut self, level: usize, x: Range<u32>, y: u32, mut each: impl FnMut(Vec4)) {
+        let image = self.image;
+        let (w, h) = image.tile_log2;
+        let mut start = x.start;
+        while start < x.end {
+            let end = x.end.min(((start >> w) + 1) << w);
+            let tile = self.tile(level, start >> w, y >> h);
+            for x in start..end {
+                each(Self::read(tile, (w, h), x, y).decode(&image.table));
+            }
+            start = end;
+        }
     }
 }
 

@@ -5,7 +5,7 @@
 
 use super::counters::{DEPTHS, FileCounts};
 use super::tile::Tile;
-use super::{TileCache, key, lock};
+use super::{MAX_THREAD_TILES, TileCache, key, lock};
 use crate::stats::{CacheCounts, spread};
 use crate::texture::tiled::TileScratch;
 use std::sync::Arc;
@@ -25,7 +25,10 @@ struct Place {
 /// The tiles one thread holds, and what its look-ups cost. Give it back with
 /// [`ThreadCache::finish`], or what it counted is lost.
 pub struct ThreadCache {
-    places: Box<[Place]>,
+    /// More than it may use at small budgets; always so many, so that no index is held against it.
+    places: Box<[Place; MAX_THREAD_TILES]>,
+    /// Which of the hash's bits choose a place.
+    mask: usize,
     /// Look-ups so far at this depth.
     lookups: u64,
     nobody: Arc<Tile>,
@@ -57,7 +60,8 @@ impl ThreadCache {
         let nobody = Arc::new(Tile::none());
         let place = || Place { key: u64::MAX, uses: 0, tile: Arc::clone(&nobody) };
         Self {
-            places: (0..cache.thread_tiles).map(|_| place()).collect(),
+            places: Box::new(std::array::from_fn(|_| place())),
+            mask: cache.thread_tiles - 1,
             lookups: 0,
             ledger: Ledger {
                 scratch: TileScratch::default(),
@@ -75,7 +79,7 @@ impl ThreadCache {
     #[inline(always)]
     pub fn tile(&mut self, cache: &TileCache, file: u32, tile: u32) -> &[u8] {
         let key = key(file, tile);
-        let at = spread(key) as usize & (self.places.len() - 1);
+        let at = spread(key) as usize & self.mask & (MAX_THREAD_TILES - 1);
         self.lookups += 1;
         if self.places[at].key != key {
             self.replace(cache, key, at);
