@@ -239,7 +239,7 @@ fn run() -> Result<(), Error> {
         let work = |k: usize| {
             let cpu = thread_cpu_seconds().unwrap_or(0.0);
             let piece = |k: usize| (blocks * k as u64 / threads as u64 * BLOCK) as usize;
-            let mut thread = ThreadCache::new(cache);
+            let mut thread: ThreadCache = ThreadCache::new(cache);
             let mut replay = Replay {
                 store: &store,
                 side,
@@ -293,7 +293,7 @@ fn run() -> Result<(), Error> {
             probes: vec![],
             bilinear: 0,
         };
-        let mut thread = ThreadCache::new(cache);
+        let mut thread: ThreadCache = ThreadCache::new(cache);
         let mut bytes = Vec::with_capacity(trace.len() * 12);
         for l in &trace {
             bytes.extend(replay.colour(&mut thread, l).into_iter().flat_map(f32::to_le_bytes));

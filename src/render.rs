@@ -6,6 +6,7 @@
 mod frame;
 mod job;
 mod load;
+pub(crate) mod stage;
 
 use crate::error::Result;
 use crate::film::Image;

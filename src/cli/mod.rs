@@ -2,6 +2,7 @@
 //! go to stdout, everything else to stderr; an error is one line; a closed pipe is no error and
 //! never a panic. Never renders, compares or parses scenes itself.
 
+pub(crate) mod compare;
 pub(crate) mod diff;
 pub(crate) mod generate;
 pub(crate) mod info;
@@ -30,12 +31,14 @@ Examples:
   weir diff new.exr reference.exr        how far two images are apart
   weir report stats.json                 where time and memory went
   weir texture bark.png -o bark.tx       a tiled, mip-mapped texture
+  weir compare scene.pbrt                Embree against the native hierarchy, hit by hit
   weir info scene.pbrt                   what is in a scene, mesh or image
   weir generate terrain -o valley        a large scene, made from a seed
 
 `weir SCENE` alone is `weir render SCENE`; `weir render --help` lists its options.
 
-Exit codes: 0 done; 1 the verdict is negative (diff past --fail-above); 2 bad usage or bad input;
+Exit codes: 0 done; 1 the verdict is negative (diff past --fail-above, an
+unexplained difference in compare); 2 bad usage or bad input;
 3 out of memory or disk; 130 interrupted before there was anything to write.";
 
 #[derive(Parser)]
@@ -49,6 +52,8 @@ struct Arguments {
 enum Subcommand {
     /// Render a scene (pbrt-v4, OBJ, PLY)
     Render(render::Options),
+    /// Hold Embree against the native hierarchy, hit by hit, and time both
+    Compare(compare::Options),
     /// Compare two images: means, relMSE, FLIP, agreement
     Diff(diff::Options),
     /// Say what is in a scene, a mesh or an image
@@ -64,6 +69,7 @@ enum Subcommand {
 /// What to do.
 pub(crate) enum Command {
     Render(render::Options),
+    Compare(compare::Options),
     Diff(diff::Options),
     Info(info::Options),
     Report(report::Options),
@@ -92,6 +98,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
     match Arguments::try_parse_from(arguments) {
         Ok(Arguments { command }) => Ok(match command {
             Subcommand::Render(options) => Command::Render(options),
+            Subcommand::Compare(options) => Command::Compare(options),
             Subcommand::Diff(options) => Command::Diff(options),
             Subcommand::Info(options) => Command::Info(options),
             Subcommand::Report(options) => Command::Report(options),
@@ -107,7 +114,8 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
 
 /// `weir SCENE` is `weir render SCENE`, wherever the options stand.
 fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
-    const COMMANDS: [&str; 7] = ["render", "diff", "info", "report", "texture", "generate", "help"];
+    const COMMANDS: [&str; 8] =
+        ["render", "compare", "diff", "info", "report", "texture", "generate", "help"];
     let Some(first) = arguments.get(1) else {
         return Err(Error::Usage(
             "no scene given; `weir scene.pbrt` renders one; see weir --help".to_owned(),
@@ -121,7 +129,7 @@ fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
     // A bare word that is no file is more likely a command misspelt than a scene misplaced.
     if !text.starts_with('-') && !text.contains(['.', '/']) && !Path::new(first).exists() {
         return Err(Error::Usage(format!(
-            "no command and no file is called '{text}'; the commands are render, diff, info, report, texture and generate; see weir --help"
+            "no command and no file is called '{text}'; the commands are render, compare, diff, info, report, texture and generate; see weir --help"
         )));
     }
     arguments.insert(1, "render".into());

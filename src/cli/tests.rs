@@ -68,7 +68,7 @@ fn times_have_units() {
 fn errors_say_what_would_be_right_in_one_line() {
     for (text, needed) in [
         ("", "no scene given"),
-        ("rendr a.pbrt", "render, diff, info, report, texture and generate"),
+        ("rendr a.pbrt", "render, compare, diff, info, report, texture and generate"),
         ("render", "<SCENE>"),
         ("diff a.exr", "<B>"),
         ("a.pbrt b.pbrt", "'b.pbrt'"),
@@ -104,7 +104,7 @@ fn errors_say_what_would_be_right_in_one_line() {
 fn help_lists_only_what_exists() {
     for text in ["--help", "-h", "help"] {
         let Ok(Command::Help(help)) = parse(line(text)) else { panic!("`weir {text}` is help") };
-        for needed in ["render", "diff", "info", "report", "generate", "Examples:", "Exit codes"] {
+        for needed in ["render", "compare", "diff", "info", "report", "generate", "Examples:", "Exit codes"] {
             assert!(help.contains(needed), "{needed}");
         }
         for absent in ["plan", "compare"] {

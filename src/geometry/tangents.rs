@@ -78,7 +78,7 @@ impl Surfaces<'_> {
     fn uncommon_tangents(&self, hit: &Hit, surface: usize, ray: &Ray) -> Tangents {
         let mut tangents = match &self.geometry.surfaces[surface].shape {
             SurfaceShape::Mesh(mesh) => mesh_tangents(mesh, hit),
-            SurfaceShape::Paged(_) => self.geometry.with_paged(hit, |mesh, hit| mesh_tangents(mesh, hit)),
+            SurfaceShape::Paged(_) => self.geometry.with_paged(hit, mesh_tangents),
             SurfaceShape::Patches(patches) => patch_tangents(patches, hit),
             SurfaceShape::Quadric(q) => {
                 let at = self.on_quadric(q, hit, ray);

@@ -4,19 +4,16 @@
 //! Never traces a ray itself.
 
 use super::job::{Job, Order};
-use super::load::{load, open_pages};
+use super::load::open_pages;
+use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::{Control, Outcome, Progress};
-use crate::accel::{Accel, Builder, NONE, Pages};
-use crate::error::{Error, Result};
+use crate::accel::{Builder, Pages};
+use crate::error::Result;
 use crate::film::{FilmBuffer, FilterSampler, Image};
 use crate::geometry::pages::PageStore;
-use crate::geometry::{self, Needs, SceneGeometry, Surfaces};
-use crate::integrator::camera::Camera;
 use crate::integrator::lights::Lights;
-use crate::integrator::materials::{MaterialTables, Materials};
-use crate::integrator::path::{SurfaceShading, World};
 use crate::scene::{Film, SceneDescription};
-use crate::settings::{Estimator, RenderSettings};
+use crate::settings::RenderSettings;
 use crate::stats::{self, RenderStats};
 use glam::{Mat3, Vec3};
 use std::sync::OnceLock;
@@ -29,21 +26,14 @@ pub(super) fn render(
     settings: &RenderSettings,
     control: &Control<'_>,
 ) -> Result<Outcome> {
-    let threads = settings
-        .threads
-        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get))
-        .max(1);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|e| Error::Resource(format!("cannot start {threads} threads: {e}")))?;
+    let (pool, threads) = pool(settings)?;
     let film = effective_film(scene, settings)?;
     let mut stats = RenderStats::default();
     let start = Instant::now();
 
     (control.progress)(Progress::Phase("loading"));
-    let (geometry, textures, environments) = pool.install(|| load(scene, settings, threads, control))?;
-    let tables = pool.install(|| MaterialTables::new(scene, &textures));
+    let (stage, environments) = pool.install(|| Stage::load(scene, settings, threads, control))?;
+    let Stage { geometry, textures, .. } = &stage;
     stats.time.prepare_s = start.elapsed().as_secs_f64();
 
     (control.progress)(Progress::Phase("building"));
@@ -51,38 +41,17 @@ pub(super) fn render(
     let builder = Builder::new(settings.backend, settings.robust, threads)?;
     let (world_geometry, objects, instances) = geometry.for_backend();
     let pages = geometry.pages.as_ref().map(|pages| pages as &dyn Pages);
-    let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, &geometry, pages))?;
+    let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, geometry, pages))?;
     stats.time.build_s = build_start.elapsed().as_secs_f64();
     let staying = geometry.bytes() + accel.bytes();
-    open_pages(&geometry, staying, settings, threads)?;
+    open_pages(geometry, staying, settings, threads)?;
     stats.plan.bytes.geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
     stats.plan.bytes.textures = textures.store().all_bytes();
 
-    let materials = Materials::new(scene, &textures, &tables);
-    let lights = Lights::new(scene, &geometry, &textures, environments);
-    let emitters = emitters_only(&builder, &geometry, &lights)?;
-    let shading = shading(&geometry, &materials, &lights);
+    let lights = Lights::new(scene, geometry, textures, environments);
+    let emitters = emitters_only(&builder, geometry, &lights)?;
     let spp = settings.spp.unwrap_or(scene.spp).max(1);
-    let roulette = settings.roulette.unwrap_or(true);
-    let samples_lights = lights.can_be_sampled() && settings.estimator != Estimator::Scattering;
-    let world = World {
-        estimator: settings.estimator,
-        samples_lights,
-        accel: &*accel,
-        emitters_only: emitters.as_deref(),
-        geometry: Surfaces::new(&geometry, |s| shading[s].needs),
-        has_interfaces: shading.iter().any(|s| s.may_pass),
-        wants_footprints: shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT)),
-        shading,
-        materials,
-        lights,
-        media: scene.media.clone(),
-        camera_medium: scene.camera_medium,
-        camera: Camera::new(&scene.camera, film.size),
-        max_depth: settings.max_depth.unwrap_or(scene.integrator.max_depth),
-        rr_threshold: if roulette { scene.integrator.rr_threshold } else { 0.0 },
-        footprint_scale: (1.0 / (spp as f32).sqrt()).max(0.125),
-    };
+    let world = stage.world(scene, settings, film.size, lights, (&*accel, emitters.as_deref()));
 
     let buffer = FilmBuffer::new(film.crop);
     // Only where tiles may have to go and come again does the order of work cost anything.
@@ -135,7 +104,7 @@ pub(super) fn render(
         spp,
         seed: job.seed,
         max_depth: world.max_depth,
-        roulette,
+        roulette: settings.roulette.unwrap_or(true),
         robust: settings.robust,
         strict: settings.strict,
         time_limit_s: settings.time_limit_seconds,
@@ -167,79 +136,6 @@ pub(super) fn render(
     image.pixels = job.buffer.resolve();
     balance(&mut image.pixels, &film);
     Ok(Outcome { image, stats, interrupted, notes, unreadable })
-}
-
-/// The scene's film with what the command line overrides.
-fn effective_film(scene: &SceneDescription, settings: &RenderSettings) -> Result<Film> {
-    let mut film = scene.film.clone();
-    if let Some(size) = settings.size {
-        // The scene's crop keeps its place in the frame.
-        let scaled =
-            |c: u32, from: u32, to: u32| (u64::from(c) * u64::from(to) / u64::from(from.max(1))) as u32;
-        let [x0, y0, x1, y1] = film.crop;
-        film.crop = [
-            scaled(x0, film.size.0, size.0),
-            scaled(y0, film.size.1, size.1),
-            scaled(x1, film.size.0, size.0),
-            scaled(y1, film.size.1, size.1),
-        ];
-        film.size = size;
-    }
-    if let Some(crop) = settings.crop {
-        film.crop = crop;
-    }
-    let [x0, y0, x1, y1] = film.crop;
-    if x0 >= x1 || y0 >= y1 || x1 > film.size.0 || y1 > film.size.1 {
-        return Err(Error::Usage(format!(
-            "crop {x0},{y0},{x1},{y1} is empty or leaves the film of {}x{}; give x0,y0,x1,y1 in pixels, x1 and y1 exclusive",
-            film.size.0, film.size.1
-        )));
-    }
-    // The sums, the finished image and one encoded copy.
-    let bytes = u64::from(x1 - x0) * u64::from(y1 - y0) * (16 + 12 + 12);
-    if stats::available_memory_bytes().is_some_and(|free| bytes > free) {
-        return Err(Error::Resource(format!(
-            "a film of {}x{} pixels takes {bytes} bytes, more than the memory that is free; render a crop of it",
-            x1 - x0,
-            y1 - y0
-        )));
-    }
-    Ok(film)
-}
-
-/// A scene of the emitting surfaces alone, for the last ray of a path; `None` where nothing emits.
-fn emitters_only<'g>(
-    builder: &Builder,
-    geometry: &'g SceneGeometry,
-    lights: &Lights,
-) -> Result<Option<Box<dyn Accel + 'g>>> {
-    if lights.emitters.is_empty() {
-        return Ok(None);
-    }
-    let emitting = geometry.describe_emitters();
-    builder.build(&emitting, &[], &[], geometry, None).map(Some)
-}
-
-fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {
-    let mut list: Vec<SurfaceShading> = geometry
-        .surfaces
-        .iter()
-        .map(|s| SurfaceShading {
-            material: s.material.0,
-            emitter: NONE,
-            needs: materials.needs(s.material.0),
-            may_pass: materials.may_pass(s.material.0),
-            medium: s.medium,
-        })
-        .collect();
-    for (i, emitter) in lights.emitters.iter().enumerate() {
-        let s = &mut list[emitter.surface as usize];
-        s.emitter = u32::try_from(i).expect("emitters are counted in u32");
-        if emitter.image.is_some() {
-            s.needs = s.needs.and(geometry::Needs::UV);
-        }
-    }
-    list
 }
 
 /// The sensor's white balance, on the finished image: it is linear.

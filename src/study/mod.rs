@@ -1,4 +1,6 @@
-//! Studies: what one image differs by from another, and scenes to study with. Never renders by itself.
+//! Studies: what one image differs by from another, what one traversal does, and scenes to study with. Never renders an
+//! image by itself.
 
+pub mod compare;
 pub mod diff;
 pub mod generate;

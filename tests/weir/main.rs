@@ -22,6 +22,7 @@ mod damaged;
 mod corpora;
 
 mod cli;
+mod compare;
 mod embree_abi;
 mod generate;
 mod order;

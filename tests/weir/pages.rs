@@ -50,31 +50,41 @@ fn least(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
 
 #[test]
 fn the_picture_is_the_same_at_every_budget_and_page_size() {
-    for kind in [Kind::City, Kind::Forest, Kind::Terrain] {
+    let cases = [(Kind::City, 4 << 10, 3), (Kind::Forest, 64 << 10, 1), (Kind::Terrain, 128 << 10, 2)];
+    for (kind, page_bytes, threads) in cases {
         let folder = tempfile::tempdir().expect("a folder");
-        let scene = make(kind, 120_000, folder.path());
+        let scene = make(kind, 60_000, folder.path());
         let plain = render(&scene, &settings(folder.path()));
         assert!(plain.stats.geometry_cache.is_none());
-        for (page_bytes, threads) in [(4 << 10, 3), (64 << 10, 1), (128 << 10, 2)] {
-            let settings = RenderSettings {
-                page_bytes: Some(page_bytes),
-                threads: Some(threads),
-                ..settings(folder.path())
-            };
-            let least = least(&scene, &settings);
-            for budget in [least, least + (300 << 10)] {
-                let settings = RenderSettings { geometry_memory: Some(budget), ..settings.clone() };
-                let paged = render(&scene, &settings);
-                let what = format!("{kind}, {page_bytes} bytes a page, budget {budget}");
-                assert!(paged.unreadable.is_empty(), "{what}: {:?}", paged.unreadable);
-                let cache = paged.stats.geometry_cache.unwrap_or_else(|| panic!("{what}: nothing was paged"));
-                assert!(cache.peak <= budget, "{what}: {}", cache.peak);
-                assert!(cache.total.counts.lookups > 1000, "{what}: {cache:?}");
-                assert!(budget > least || cache.total.counts.misses_capacity > 0, "{what}: all fits");
-                assert!(paged.image.pixels == plain.image.pixels, "{what}: another picture");
-                assert!(!paged.stats.miss_ratio.geometry.is_empty(), "{what}: no curve");
-            }
+        let settings = RenderSettings {
+            page_bytes: Some(page_bytes),
+            threads: Some(threads),
+            ..settings(folder.path())
+        };
+        let least = least(&scene, &settings);
+        for budget in [least, least + (300 << 10)] {
+            let settings = RenderSettings { geometry_memory: Some(budget), ..settings.clone() };
+            let paged = render(&scene, &settings);
+            let what = format!("{kind}, {page_bytes} bytes a page, budget {budget}");
+            assert!(paged.unreadable.is_empty(), "{what}: {:?}", paged.unreadable);
+            let cache = paged.stats.geometry_cache.unwrap_or_else(|| panic!("{what}: nothing was paged"));
+            assert!(cache.peak <= budget, "{what}: {}", cache.peak);
+            assert!(cache.total.counts.lookups > 1000, "{what}: {cache:?}");
+            assert!(budget > least || cache.total.counts.misses_capacity > 0, "{what}: all fits");
+            assert!(paged.image.pixels == plain.image.pixels, "{what}: another picture");
+            assert!(!paged.stats.miss_ratio.geometry.is_empty(), "{what}: no curve");
         }
+    }
+    // One scene at other page sizes.
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = make(Kind::Terrain, 30_000, folder.path());
+    let plain = render(&scene, &settings(folder.path()));
+    for page_bytes in [4 << 10, 20_000, 64 << 10] {
+        let settings =
+            RenderSettings { page_bytes: Some(page_bytes), threads: Some(2), ..settings(folder.path()) };
+        let budget = least(&scene, &settings);
+        let paged = render(&scene, &RenderSettings { geometry_memory: Some(budget), ..settings });
+        assert!(paged.image.pixels == plain.image.pixels, "{page_bytes} bytes a page: another picture");
     }
 }
 

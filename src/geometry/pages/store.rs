@@ -18,13 +18,15 @@ use std::time::Duration;
 
 thread_local! {
     /// What this thread holds of the store that lives at the address.
-    static HELD: RefCell<Option<(usize, ThreadCache)>> = const { RefCell::new(None) };
+    static HELD: RefCell<Option<(usize, Thread)>> = const { RefCell::new(None) };
     /// The triangle that is shaded.
     static TRIANGLE: RefCell<Mesh> = RefCell::default();
 }
 
 /// Pages a thread holds at most: rays of a wave go to and fro among some hundreds.
 const THREAD_PAGES: usize = 1024;
+
+type Thread = ThreadCache<THREAD_PAGES>;
 
 /// All pages of a scene.
 pub struct PageStore {
@@ -122,7 +124,7 @@ impl PageStore {
         let free = HELD.with_borrow_mut(|held| {
             let free = held.is_none();
             if free {
-                *held = Some((self.name(), ThreadCache::new(self.cache())));
+                *held = Some((self.name(), Thread::new(self.cache())));
             }
             free
         });
@@ -141,7 +143,7 @@ impl PageStore {
         HELD.with_borrow_mut(|held| match held {
             Some((of, thread)) if *of == self.name() => look(thread.tile(self.cache(), file, tile)),
             _ => {
-                let mut thread = ThreadCache::new(self.cache());
+                let mut thread = Thread::new(self.cache());
                 let result = look(thread.tile(self.cache(), file, tile));
                 thread.finish(self.cache());
                 result

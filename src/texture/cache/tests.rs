@@ -83,7 +83,7 @@ fn every_texel_is_right_and_every_byte_counted_at_every_budget() {
             for t in 0..2 {
                 let cache = &cache;
                 scope.spawn(move || {
-                    let mut thread = ThreadCache::new(cache);
+                    let mut thread: ThreadCache = ThreadCache::new(cache);
                     walk(t, 4000, |file, tile| {
                         let got = thread.tile(cache, file, tile);
                         for at in [0, 4095, sizes[file as usize] - 1] {
@@ -143,7 +143,7 @@ fn one_thread_reads_and_the_others_wait() {
     std::thread::scope(|scope| {
         for _ in 0..8 {
             scope.spawn(|| {
-                let mut thread = ThreadCache::new(&cache);
+                let mut thread: ThreadCache = ThreadCache::new(&cache);
                 barrier.wait();
                 assert_eq!(thread.tile(&cache, 0, 3)[5], texel(3, 5));
                 thread.finish(&cache);
@@ -163,7 +163,7 @@ fn one_thread_reads_and_the_others_wait() {
 fn a_tile_that_cannot_be_read_is_one_line_and_a_colour() {
     let source = Numbers { broken: Some(7), ..numbers(4096) };
     let cache = cache(vec![source], 3 * one(4096), 1);
-    let mut thread = ThreadCache::new(&cache);
+    let mut thread: ThreadCache = ThreadCache::new(&cache);
     for _ in 0..3 {
         for tile in [7, 8, 9, 10, 11] {
             let want = if tile == 7 { 0xee } else { texel(tile, 9) };
@@ -178,7 +178,7 @@ fn a_tile_that_cannot_be_read_is_one_line_and_a_colour() {
 #[test]
 fn levels_of_one_tile_stay() {
     let cache = cache(vec![numbers(4096)], 40 * one(4096), 1);
-    let mut thread = ThreadCache::new(&cache);
+    let mut thread: ThreadCache = ThreadCache::new(&cache);
     thread.tile(&cache, 0, 84);
     walk(3, 3000, |_, tile| {
         thread.tile(&cache, 0, tile % 84);
@@ -193,7 +193,7 @@ fn levels_of_one_tile_stay() {
 #[test]
 fn depths_are_counted_apart() {
     let cache = cache(vec![numbers(4096)], 40 * one(4096), 1);
-    let mut thread = ThreadCache::new(&cache);
+    let mut thread: ThreadCache = ThreadCache::new(&cache);
     thread.tile(&cache, 0, 1);
     thread.set_depth(2);
     (0..5).for_each(|_| {
@@ -223,7 +223,7 @@ fn one_run_predicts_the_misses_of_other_sizes() {
     };
     let run = |tiles: u64| {
         let cache = cache(files(), tiles * one(4096), 1);
-        let mut thread = ThreadCache::new(&cache);
+        let mut thread: ThreadCache = ThreadCache::new(&cache);
         trace(&mut |file, tile| {
             thread.tile(&cache, file, tile);
         });
@@ -288,7 +288,7 @@ fn resident_memory_of_many_tiles() {
     let (tiles, bytes) = (8000u64, 12_288);
     let files = (0..tiles.div_ceil(u64::from(TILES))).map(|_| numbers(bytes)).collect();
     let cache = cache(files, tiles * one(bytes), 1);
-    let mut thread = ThreadCache::new(&cache);
+    let mut thread: ThreadCache = ThreadCache::new(&cache);
     for file in 0..cache.files.len() as u32 {
         (0..TILES).for_each(|tile| assert_eq!(thread.tile(&cache, file, tile)[0], texel(tile, 0)));
     }

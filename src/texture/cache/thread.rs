@@ -5,7 +5,7 @@
 
 use super::counters::{DEPTHS, FileCounts};
 use super::tile::Tile;
-use super::{MAX_THREAD_TILES, TileCache, key, lock};
+use super::{TileCache, key, lock};
 use crate::stats::{CacheCounts, spread};
 use crate::texture::tiled::TileScratch;
 use std::sync::Arc;
@@ -24,9 +24,9 @@ struct Place {
 
 /// The tiles one thread holds, and what its look-ups cost. Give it back with
 /// [`ThreadCache::finish`], or what it counted is lost.
-pub struct ThreadCache {
+pub struct ThreadCache<const PLACES: usize = 32> {
     /// More than it may use at small budgets; always so many, so that no index is held against it.
-    places: Box<[Place; MAX_THREAD_TILES]>,
+    places: Box<[Place; PLACES]>,
     /// Which of the hash's bits choose a place.
     mask: usize,
     /// Look-ups so far at this depth.
@@ -52,7 +52,7 @@ impl Ledger {
     }
 }
 
-impl ThreadCache {
+impl<const PLACES: usize> ThreadCache<PLACES> {
     /// For a thread that looks up in `cache` now and then: holds no tile once
     /// [`ThreadCache::release`] is called.
     #[must_use]
@@ -79,7 +79,7 @@ impl ThreadCache {
     #[inline(always)]
     pub fn tile(&mut self, cache: &TileCache, file: u32, tile: u32) -> &[u8] {
         let key = key(file, tile);
-        let at = spread(key) as usize & self.mask & (MAX_THREAD_TILES - 1);
+        let at = spread(key) as usize & self.mask & (PLACES - 1);
         self.lookups += 1;
         if self.places[at].key != key {
             self.replace(cache, key, at);

@@ -1,0 +1,164 @@
+//! A scene made ready for paths: what is loaded, and the world that paths meet. Shared by all that trace the
+//! paths of a scene, so that they trace the same.
+//!
+//! Invariant: owns what a [`World`] borrows, but for the acceleration structures.
+//! Never builds one, nor traces.
+
+use super::Control;
+use super::load::load;
+use crate::accel::{Accel, Builder, NONE};
+use crate::error::{Error, Result};
+use crate::geometry::{self, Needs, SceneGeometry, Surfaces};
+use crate::integrator::camera::Camera;
+use crate::integrator::light::env::EnvironmentMap;
+use crate::integrator::lights::Lights;
+use crate::integrator::materials::{MaterialTables, Materials};
+use crate::integrator::path::{SurfaceShading, World};
+use crate::scene::{Film, SceneDescription};
+use crate::settings::{Estimator, RenderSettings};
+use crate::stats;
+use crate::texture::Textures;
+use std::sync::Arc;
+
+/// Geometry, textures and tables of a scene.
+pub(crate) struct Stage {
+    /// Shapes.
+    pub(crate) geometry: SceneGeometry,
+    /// Textures.
+    pub(crate) textures: Arc<Textures>,
+    tables: MaterialTables,
+}
+
+/// Threads that load, build and trace, and how many.
+pub(crate) fn pool(settings: &RenderSettings) -> Result<(rayon::ThreadPool, usize)> {
+    let threads = settings
+        .threads
+        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get))
+        .max(1);
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|e| Error::Resource(format!("cannot start {threads} threads: {e}")))?;
+    Ok((pool, threads))
+}
+
+impl Stage {
+    /// Loads what `scene` names, on the current pool; the images of lights go to [`Lights::new`].
+    pub(crate) fn load(
+        scene: &SceneDescription,
+        settings: &RenderSettings,
+        threads: usize,
+        control: &Control<'_>,
+    ) -> Result<(Self, Vec<EnvironmentMap>)> {
+        let (geometry, textures, environments) = load(scene, settings, threads, control)?;
+        let tables = MaterialTables::new(scene, &textures);
+        Ok((Self { geometry, textures, tables }, environments))
+    }
+
+    /// What paths meet: traversal by `accel`, of everything and of emitters alone.
+    pub(crate) fn world<'a, A: Accel + ?Sized>(
+        &'a self,
+        scene: &'a SceneDescription,
+        settings: &RenderSettings,
+        film_size: (u32, u32),
+        lights: Lights,
+        (accel, emitters_only): (&'a A, Option<&'a A>),
+    ) -> World<'a, A> {
+        let materials = Materials::new(scene, &self.textures, &self.tables);
+        let shading = shading(&self.geometry, &materials, &lights);
+        let spp = settings.spp.unwrap_or(scene.spp).max(1);
+        let roulette = settings.roulette.unwrap_or(true);
+        let samples_lights = lights.can_be_sampled() && settings.estimator != Estimator::Scattering;
+        World {
+            estimator: settings.estimator,
+            samples_lights,
+            accel,
+            emitters_only,
+            geometry: Surfaces::new(&self.geometry, |s| shading[s].needs),
+            has_interfaces: shading.iter().any(|s| s.may_pass),
+            wants_footprints: shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT)),
+            shading,
+            materials,
+            lights,
+            media: scene.media.clone(),
+            camera_medium: scene.camera_medium,
+            camera: Camera::new(&scene.camera, film_size),
+            max_depth: settings.max_depth.unwrap_or(scene.integrator.max_depth),
+            rr_threshold: if roulette { scene.integrator.rr_threshold } else { 0.0 },
+            footprint_scale: (1.0 / (spp as f32).sqrt()).max(0.125),
+        }
+    }
+}
+
+/// The scene's film with what the command line overrides.
+pub(crate) fn effective_film(scene: &SceneDescription, settings: &RenderSettings) -> Result<Film> {
+    let mut film = scene.film.clone();
+    if let Some(size) = settings.size {
+        // The scene's crop keeps its place in the frame.
+        let scaled =
+            |c: u32, from: u32, to: u32| (u64::from(c) * u64::from(to) / u64::from(from.max(1))) as u32;
+        let [x0, y0, x1, y1] = film.crop;
+        film.crop = [
+            scaled(x0, film.size.0, size.0),
+            scaled(y0, film.size.1, size.1),
+            scaled(x1, film.size.0, size.0),
+            scaled(y1, film.size.1, size.1),
+        ];
+        film.size = size;
+    }
+    if let Some(crop) = settings.crop {
+        film.crop = crop;
+    }
+    let [x0, y0, x1, y1] = film.crop;
+    if x0 >= x1 || y0 >= y1 || x1 > film.size.0 || y1 > film.size.1 {
+        return Err(Error::Usage(format!(
+            "crop {x0},{y0},{x1},{y1} is empty or leaves the film of {}x{}; give x0,y0,x1,y1 in pixels, x1 and y1 exclusive",
+            film.size.0, film.size.1
+        )));
+    }
+    // The sums, the finished image and one encoded copy.
+    let bytes = u64::from(x1 - x0) * u64::from(y1 - y0) * (16 + 12 + 12);
+    if stats::available_memory_bytes().is_some_and(|free| bytes > free) {
+        return Err(Error::Resource(format!(
+            "a film of {}x{} pixels takes {bytes} bytes, more than the memory that is free; render a crop of it",
+            x1 - x0,
+            y1 - y0
+        )));
+    }
+    Ok(film)
+}
+
+/// A scene of the emitting surfaces alone, for the last ray of a path; `None` where nothing emits.
+pub(crate) fn emitters_only<'g>(
+    builder: &Builder,
+    geometry: &'g SceneGeometry,
+    lights: &Lights,
+) -> Result<Option<Box<dyn Accel + 'g>>> {
+    if lights.emitters.is_empty() {
+        return Ok(None);
+    }
+    let emitting = geometry.describe_emitters();
+    builder.build(&emitting, &[], &[], geometry, None).map(Some)
+}
+
+fn shading(geometry: &SceneGeometry, materials: &Materials<'_>, lights: &Lights) -> Vec<SurfaceShading> {
+    let mut list: Vec<SurfaceShading> = geometry
+        .surfaces
+        .iter()
+        .map(|s| SurfaceShading {
+            material: s.material.0,
+            emitter: NONE,
+            needs: materials.needs(s.material.0),
+            may_pass: materials.may_pass(s.material.0),
+            medium: s.medium,
+        })
+        .collect();
+    for (i, emitter) in lights.emitters.iter().enumerate() {
+        let s = &mut list[emitter.surface as usize];
+        s.emitter = u32::try_from(i).expect("emitters are counted in u32");
+        if emitter.image.is_some() {
+            s.needs = s.needs.and(geometry::Needs::UV);
+        }
+    }
+    list
+}
