@@ -269,9 +269,9 @@ fn a_reader_that_panics_leaves_nobody_waiting() {
         CacheOptions { budget: 8 * one(4096), threads: 2, latency: Duration::ZERO, thread_tiles: 32 };
     let cache = TileCache::new(vec![source], options).expect("enough");
     std::thread::scope(|scope| {
-        let first = scope.spawn(|| ThreadCache::new(&cache).tile(&cache, 0, 0).len());
+        let first = scope.spawn(|| <ThreadCache>::new(&cache).tile(&cache, 0, 0).len());
         assert!(first.join().is_err());
-        assert_eq!(ThreadCache::new(&cache).tile(&cache, 0, 0)[0], 1);
+        assert_eq!(<ThreadCache>::new(&cache).tile(&cache, 0, 0)[0], 1);
     });
 }
 
