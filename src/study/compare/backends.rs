@@ -40,6 +40,8 @@ pub(super) fn primitives(shapes: &Shapes<'_>) -> u64 {
     let count = |g: &Geometry<'_>| match g {
         Geometry::Triangles { indices, .. } => indices.len() as u64,
         Geometry::Custom { count, .. } => u64::from(*count),
+        // What is compared stays in memory.
+        Geometry::Pages { .. } => 0,
     };
     shapes.world.iter().chain(shapes.objects.iter().flatten()).map(count).sum()
 }
