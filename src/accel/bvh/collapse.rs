@@ -70,6 +70,8 @@ fn emit(nodes: &[Node], root: usize, wide: &mut Vec<Wide>) -> usize {
         children[count] = nodes[at].next as usize;
         count += 1;
     }
+    // Rays that ask for any hit take the first that they meet: the largest, which is the likeliest.
+    children[..count].sort_by(|&a, &b| half_area(&nodes[b]).total_cmp(&half_area(&nodes[a])));
     let place = wide.len();
     wide.push(Wide::empty());
     for (slot, &child) in children[..count].iter().enumerate() {
