@@ -1,7 +1,7 @@
 //! The third voice: every primitive in f64, by brute force over boxes of 64 triangles and of 64 such boxes.
 //!
 //! Invariant: what it lists holds every primitive that either voice may say is hit, up to the distance asked for, and
-//! whose box the ray comes near: no nearer than 64 roundings of its distance. (Where a sliver's edges are uncertain
+//! whose box the ray comes near, within 64 roundings of its distance. (Where a sliver's edges are uncertain
 //! farther out, no hierarchy asks; what is answered there all the same is looked at by name.)
 //! Never: uses a hierarchy of either backend, nor f32.
 
