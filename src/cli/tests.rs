@@ -88,7 +88,7 @@ fn errors_say_what_would_be_right_in_one_line() {
         ("a.pbrt --time 0s", "above zero"),
         ("a.pbrt --time -3s", "a time "),
         ("a.pbrt --roulette maybe", "on, off"),
-        ("a.pbrt --backend embrey", "embree, native"),
+        ("a.pbrt --backend optix", "embree, native"),
         ("a.pbrt --threads 0", "from 1 to"),
         ("a.pbrt --max-depth deep", "--max-depth"),
         ("a.pbrt --noise 0.02", "--noise"),
@@ -107,9 +107,7 @@ fn help_lists_only_what_exists() {
         for needed in ["render", "compare", "diff", "info", "report", "generate", "Examples:", "Exit codes"] {
             assert!(help.contains(needed), "{needed}");
         }
-        for absent in ["plan", "compare"] {
-            assert!(!help.contains(absent), "{absent}");
-        }
+        assert!(!help.contains("plan"), "{help}");
     }
     let Ok(Command::Help(help)) = parse(line("render --help")) else { panic!("help") };
     for option in ["--spp", "--time", "--crop", "--stats", "--roulette", "Ctrl-C", "Examples:"] {

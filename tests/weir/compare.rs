@@ -22,8 +22,11 @@ fn compared(scene: &Path, rays: &str, more: &[&str]) -> Value {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let json = folder.path().join("compare.json");
     let (scene, json) = (scene.to_string_lossy(), json.to_string_lossy());
-    let line = ["compare", &scene, "--rays", rays, "--rounds", "0", "--threads", "2", "--json", &json];
-    let line: Vec<&str> = line.iter().chain(more).copied().collect();
+    let line = ["compare", &scene, "--rays", rays, "--threads", "2", "--json", &json];
+    let mut line: Vec<&str> = line.iter().chain(more).copied().collect();
+    if !more.contains(&"--rounds") {
+        line.extend(["--rounds", "0"]);
+    }
     let output = weir(&line);
     let text = String::from_utf8_lossy(&output.stdout);
     let error = String::from_utf8_lossy(&output.stderr);

@@ -1,8 +1,8 @@
 //! The third voice: every primitive in f64, by brute force over boxes of 64 triangles and of 64 such boxes.
 //!
-//! Invariant: what it lists holds every primitive that either voice may say is hit, up to the distance asked for. A box
-//! is passed over only where the ray misses it by more than 64 roundings of its distance; the bounds of `bounds.rs`
-//! move a box's face, or a triangle's edge towards its box, by less than 30.
+//! Invariant: what it lists holds every primitive that either voice may say is hit, up to the distance asked for, and
+//! whose box the ray comes near, within 64 roundings of its distance. (Where a sliver's edges are uncertain
+//! farther out, no hierarchy asks; what is answered there all the same is looked at by name.)
 //! Never: uses a hierarchy of either backend, nor f32.
 
 use super::bounds::{LocalRay, Meeting, Placement, Voice};
