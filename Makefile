@@ -18,7 +18,7 @@ DEMO := scenes/demo/demo.pbrt
 # `prepare` fetched every crate, so cargo need not ask the network, nor may it change the lock file.
 FROZEN := --locked --offline
 
-.PHONY: help demo test references build native bench embree prepare
+.PHONY: help demo test references hard build native bench embree prepare
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do \
@@ -36,6 +36,9 @@ test: prepare ## formatting, lints, documentation, a build without Embree, and e
 
 references: prepare ## the pbrt scenes of ../shared against pbrt-v4's renders, 256 samples a pixel (minutes)
 	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture references
+
+hard: prepare ## a hundred million rays from inside closed meshes: misses, native and Embree (minutes)
+	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture hard_
 
 build: prepare ## build target/release/weir, for any processor of this architecture
 	@cargo build --release $(FROZEN)

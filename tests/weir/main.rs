@@ -22,6 +22,7 @@ mod damaged;
 mod corpora;
 
 mod cli;
+mod closed;
 mod compare;
 mod embree_abi;
 mod generate;
@@ -33,3 +34,4 @@ mod textures;
 mod textures_copies;
 #[cfg(unix)]
 mod textures_faults;
+mod watertight;
