@@ -165,14 +165,14 @@ impl Options {
 /// Runs the command.
 pub(crate) fn run(options: &Options) -> Result<End> {
     let start = Instant::now();
+    // Before the first file is made: trying whether a name can be written makes one.
+    let bar = Bar::new(!options.quiet, options.time);
+    interrupt::listen(bar.handle());
     // Before the work, so that none is lost to a name that cannot be written.
     let mut named = options.output.iter().chain(&options.stats);
     named.try_for_each(|path| check_not_input(path, &options.scene, "scene"))?;
     options.output.iter().try_for_each(|path| check_writable(path))?;
     options.stats.iter().try_for_each(|path| check_replaceable(path))?;
-
-    let bar = Bar::new(!options.quiet, options.time);
-    interrupt::listen(bar.handle());
     let result = load_and_render(options, &bar);
     bar.clear();
     let (parse_s, scene, mut outcome) = match result {

@@ -5,7 +5,7 @@ use super::pages::{PageFile, PageMaker, PageStore, Source};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Custom, Geometry, Hit, InstanceOf, Ray};
 use crate::error::{Error, Result};
-use crate::math::Transform;
+use crate::math::{Transform, gamma};
 use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -328,7 +328,14 @@ impl Custom for SceneGeometry {
                 let up = |v: DVec3| v.as_vec3().map(f32::next_up);
                 (down(low), up(high))
             }
-            SurfaceShape::Patches(p) => p.bounds(primitive),
+            SurfaceShape::Patches(p) => {
+                // A flat one along an axis has a box without thickness, and rays within its plane miss that by
+                // the rounding of a face's distance: two operations on the way there, which is in proportion to
+                // the coordinates.
+                let (lo, hi) = p.bounds(primitive);
+                let pad = gamma(8) * (lo.abs().max(hi.abs()).max_element() + (hi - lo).max_element());
+                (lo - pad, hi + pad)
+            }
             SurfaceShape::Mesh(_) | SurfaceShape::Paged(_) => {
                 unreachable!("the backend intersects triangles itself")
             }
