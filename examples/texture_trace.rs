@@ -6,17 +6,21 @@
 //! system was measured with (`tools/bench-textures.sh`), so that both do the same work: `trace_fnv`
 //! must be equal before any speed is compared. With COLOURS, the colour of every look-up of the
 //! last pass is written to FILE, three floats each.
+//!
+//! Environment: READS=direct (past the system's page cache) or READS=system (through it, which keeps
+//! what it read); without, as a render reads. OWN=1: Weir's own filters (trilinear; EWA for `aniso`) by
+//! the door that shading uses, [`TextureStore::lookup`], in the place of the other system's.
 
 use std::io::Write;
 use std::time::Instant;
 use weir::error::{Error, Location};
 use weir::math::Vec2;
 use weir::prepare::ImageNeeds;
-use weir::scene::{Encoding, ImageId, ImageSource};
+use weir::scene::{Encoding, ImageId, ImageSource, TextureFilter};
 use weir::stats::thread_cpu_seconds;
 use weir::texture::cache::ThreadCache;
 use weir::texture::convert::Watch;
-use weir::texture::{Caching, Probe, TextureOptions, TextureStore};
+use weir::texture::{Caching, Footprint, Probe, Sampler, TextureOptions, TextureStore};
 
 /// Look-ups that are seeded together.
 const BLOCK: u64 = 4096;
@@ -146,6 +150,7 @@ struct Replay<'a> {
     side: u32,
     top: usize,
     aniso: bool,
+    own: bool,
     probes: Vec<Probe>,
     bilinear: u64,
 }
@@ -155,6 +160,16 @@ impl Replay<'_> {
     fn colour(&mut self, thread: &mut ThreadCache, l: &Lookup) -> [f32; 3] {
         let [s, t, dsdx, dtdx, dsdy, dtdy] = l.at;
         let st = Vec2::new(s, t);
+        let id = ImageId(l.texture);
+        if self.own {
+            let filter = if self.aniso { TextureFilter::Ewa } else { TextureFilter::Trilinear };
+            // pbrt's rule for circles is a level coarser than the other system's.
+            let scale = if self.aniso { 1.0 } else { 0.5 };
+            let (duv_dx, duv_dy) = (scale * Vec2::new(dsdx, -dtdx), scale * Vec2::new(dsdy, -dtdy));
+            let footprint = Footprint { duv_dx, duv_dy, random: 0 };
+            let sampler = Sampler { filter, ..Sampler::default() };
+            return self.store.lookup(id, Vec2::new(s, 1.0 - t), footprint, sampler).to_array();
+        }
         self.probes.clear();
         let (fine, share) = if self.aniso {
             let (x, y) = (Vec2::new(dsdx, dtdx), Vec2::new(dsdy, dtdy));
@@ -179,7 +194,6 @@ impl Replay<'_> {
             self.probes.push(Probe { st, weight: 1.0 });
             levels(dsdx.abs().max(dsdy.abs()).max(dtdx.abs()).max(dtdy.abs()), self.top, self.side)
         };
-        let id = ImageId(l.texture);
         let mut sum = glam::Vec4::ZERO;
         for (level, share) in [(fine, 1.0 - share), (fine + 1, share)] {
             if share > 0.0 {
@@ -223,8 +237,12 @@ fn run() -> Result<(), Error> {
     let (directory, megabytes, threads) = (text(1)?, number(2)?, (number(3)? as usize).max(1));
     let (kind, blocks) = (text(4)?, (number(5)? as u64).div_ceil(BLOCK).max(1));
     let passes = if arguments.len() > 6 { number(6)? as u32 } else { 2 };
-    // The other texture system reads through the page cache; so do we, unless asked.
-    let caching = if std::env::var_os("DIRECT").is_some() { Caching::Direct } else { Caching::System };
+    let caching = match std::env::var("READS").as_deref() {
+        Err(_) => Caching::Borrow,
+        Ok("direct") => Caching::Direct,
+        Ok("system") => Caching::System,
+        Ok(other) => return Err(Error::Usage(format!("READS={other}: direct or system"))),
+    };
     let store = open(directory, megabytes, threads, caching)?;
     let (cache, names) = store.cache().ok_or_else(usage)?;
     let textures = names.len() as u64;
@@ -233,6 +251,7 @@ fn run() -> Result<(), Error> {
     let mut trace = Vec::with_capacity((blocks * BLOCK) as usize);
     (0..blocks).for_each(|b| block(kind, b, textures, u64::from(side), &mut trace));
     let hash = fnv(&trace);
+    let own = std::env::var_os("OWN").is_some();
     let mut before = cache.counts().total();
     for pass in 0..passes {
         let start = Instant::now();
@@ -240,11 +259,13 @@ fn run() -> Result<(), Error> {
             let cpu = thread_cpu_seconds().unwrap_or(0.0);
             let piece = |k: usize| (blocks * k as u64 / threads as u64 * BLOCK) as usize;
             let mut thread: ThreadCache = ThreadCache::new(cache);
+            let attached = own.then(|| store.attach());
             let mut replay = Replay {
                 store: &store,
                 side,
                 top: side.ilog2() as usize,
                 aniso: kind == "aniso",
+                own,
                 probes: Vec::with_capacity(64),
                 bilinear: 0,
             };
@@ -254,6 +275,7 @@ fn run() -> Result<(), Error> {
                 sum.iter_mut().zip(colour).for_each(|(s, c)| *s += f64::from(c));
             }
             thread.finish(cache);
+            drop(attached);
             (sum, replay.bilinear, thread_cpu_seconds().unwrap_or(0.0) - cpu)
         };
         let work = &work;
@@ -290,6 +312,7 @@ fn run() -> Result<(), Error> {
             side,
             top: side.ilog2() as usize,
             aniso: kind == "aniso",
+            own,
             probes: vec![],
             bilinear: 0,
         };

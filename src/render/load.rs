@@ -32,7 +32,7 @@ pub(super) fn load(
         threads,
         cache_dir: settings.cache_dir.clone(),
         latency: Duration::from_secs_f64(settings.texture_latency_seconds.max(0.0)),
-        caching: Caching::Direct,
+        caching: Caching::Borrow,
     };
     let paging = settings.geometry_memory.map(|budget| Paging {
         budget,

@@ -98,7 +98,7 @@ impl Default for TextureOptions {
             threads: 1,
             cache_dir: None,
             latency: Duration::ZERO,
-            caching: Caching::Direct,
+            caching: Caching::Borrow,
         }
     }
 }

@@ -1,18 +1,15 @@
 //! Open files: at most so many at a time, closed in the order of their use, read at positions by
-//! many threads, and by default past the operating system's page cache, so that a tile is not kept
-//! a second time where no budget counts it.
+//! many threads (`reading`).
 //!
-//! Invariant: a file that was replaced or rewritten since it was first opened is an error before a
-//! byte of it is used. Never opens, reads or closes a file inside the lock; never reads beyond the
-//! 4 KiB blocks that cover what was asked for.
+//! Invariant: a file that was replaced or rewritten since it was first opened is told from what it
+//! was. Never opens, reads or closes a file inside the lock.
 
-use super::blocks::{BLOCK_BYTES, Blocks};
+use super::reading::{self, Way};
 use crate::error::{Error, Result};
 use lru::LruCache;
-use rustix::fs::{Advice, OFlags};
+use rustix::fs::OFlags;
 use std::fs::{File, Metadata};
-use std::num::NonZeroU64;
-use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -34,6 +31,9 @@ pub enum Caching {
     /// They bypass its page cache, or are dropped from there at once where the filesystem knows no
     /// direct reads.
     Direct,
+    /// As `Direct`, but files that its page cache has anyway are copied from there: reads add
+    /// nothing to it.
+    Borrow,
     /// They stay in its page cache as long as it likes. For measuring.
     System,
 }
@@ -61,10 +61,10 @@ impl Stamp {
 }
 
 /// An open file; counts itself while it lives.
-struct Open {
-    file: File,
-    /// Opened for direct reads.
-    direct: AtomicBool,
+pub(super) struct Open {
+    pub(super) file: File,
+    /// What is read of it now goes past the page cache.
+    pub(super) direct: AtomicBool,
     now: Arc<AtomicUsize>,
 }
 
@@ -131,11 +131,14 @@ impl FilePool {
             std::fs::OpenOptions::new().read(true).custom_flags(flags).open(path)
         };
         // NONBLOCK: to open a pipe must not wait for a writer. Files do not mind.
-        let (file, direct) = match direct.then(|| open(DIRECT | OFlags::NONBLOCK)) {
+        let (file, direct) = match direct.then(|| open(reading::DIRECT | OFlags::NONBLOCK)) {
             Some(Ok(file)) => (file, true),
-            Some(Err(e)) if !refuses_direct(&e) => return Err(e),
+            Some(Err(e)) if !reading::refuses_direct(&e) => return Err(e),
             Some(Err(_)) | None => (open(OFlags::NONBLOCK)?, false),
         };
+        if self.caching == Caching::Borrow {
+            reading::expect_no_order(&file);
+        }
         let now = self.now.fetch_add(1, Ordering::Relaxed) + 1;
         self.peak.fetch_max(now, Ordering::Relaxed);
         self.opens.fetch_add(1, Ordering::Relaxed);
@@ -165,7 +168,7 @@ impl FilePool {
     /// [`Error::Io`] when it cannot be opened, [`Error::Input`] when it is no regular file.
     pub(super) fn open(self: &Arc<Self>, path: &Path) -> Result<PooledFile> {
         self.make_room();
-        let opened = self.open_new(path, self.caching == Caching::Direct).and_then(|open| {
+        let opened = self.open_new(path, self.caching != Caching::System).and_then(|open| {
             let meta = open.file.metadata()?;
             Ok((open, meta))
         });
@@ -192,21 +195,9 @@ impl FilePool {
             path: path.to_path_buf(),
             stamp: Stamp::of(&meta),
             direct_refused: AtomicBool::new(direct_refused),
+            way: Way::default(),
         })
     }
-}
-
-#[cfg(target_os = "linux")]
-const DIRECT: OFlags = OFlags::DIRECT;
-#[cfg(not(target_os = "linux"))]
-const DIRECT: OFlags = OFlags::empty();
-
-/// Whether the filesystem said that it knows no direct reads.
-fn refuses_direct(e: &std::io::Error) -> bool {
-    matches!(
-        rustix::io::Errno::from_io_error(e),
-        Some(rustix::io::Errno::INVAL | rustix::io::Errno::OPNOTSUPP | rustix::io::Errno::NOSYS)
-    )
 }
 
 /// A file of a pool, open or not; what it was when first opened.
@@ -216,7 +207,9 @@ pub(super) struct PooledFile {
     path: PathBuf,
     stamp: Stamp,
     /// The filesystem refused direct reads of this file.
-    direct_refused: AtomicBool,
+    pub(super) direct_refused: AtomicBool,
+    /// Whether the page cache has it anyway, as far as reads have told.
+    pub(super) way: Way,
 }
 
 /// Why a read failed, for people; without the file's name.
@@ -232,24 +225,32 @@ impl PooledFile {
         self.stamp.bytes
     }
 
-    /// Its open file, unchanged since the first time.
-    fn get(&self) -> std::result::Result<Arc<Open>, Cause> {
+    pub(super) fn caching(&self) -> Caching {
+        self.pool.caching
+    }
+
+    /// Its open file, which may be another of the same name by now.
+    pub(super) fn get(&self) -> std::result::Result<Arc<Open>, Cause> {
         let open = self.pool.lock().open.get(&self.id).map(Arc::clone);
-        let open = match open {
-            Some(open) => open,
-            None => self.reopen().map_err(|e| format!("cannot be opened again: {e}"))?,
-        };
+        match open {
+            Some(open) => Ok(open),
+            None => self.reopen().map_err(|e| format!("cannot be opened again: {e}")),
+        }
+    }
+
+    /// An error unless `open` is what the file was when first opened.
+    pub(super) fn unchanged(&self, open: &Open) -> std::result::Result<(), Cause> {
         let meta = open.file.metadata().map_err(|e| e.to_string())?;
         if Stamp::of(&meta) != self.stamp {
             return Err("the file changed while rendering; keep textures as they are until the end".into());
         }
-        Ok(open)
+        Ok(())
     }
 
     fn reopen(&self) -> std::io::Result<Arc<Open>> {
         let pool = &*self.pool;
         pool.make_room();
-        let direct = pool.caching == Caching::Direct && !self.direct_refused.load(Ordering::Relaxed);
+        let direct = pool.caching != Caching::System && !self.direct_refused.load(Ordering::Relaxed);
         let opened = pool.open_new(&self.path, direct);
         let mut state = pool.lock();
         state.opening -= 1;
@@ -267,98 +268,6 @@ impl PooledFile {
         drop(spare);
         kept
     }
-
-    /// The `len` bytes at `offset`, in `buffer`, and how many bytes were read for them.
-    pub(super) fn read<'b>(
-        &self,
-        offset: u64,
-        len: usize,
-        buffer: &'b mut Blocks,
-    ) -> std::result::Result<(&'b [u8], u64), Cause> {
-        let open = self.get()?;
-        let skip = (offset % BLOCK_BYTES as u64) as usize;
-        // The same for every kind of read, so that scratch does not grow when a file is refused.
-        let covering = buffer.bytes_mut((skip + len).next_multiple_of(BLOCK_BYTES));
-        let read = match self.direct(&open, offset - skip as u64, covering, skip + len)? {
-            Some(read) => read,
-            None => self.plain(&open, offset, &mut covering[skip..skip + len])?,
-        };
-        Ok((&covering[skip..skip + len], read))
-    }
-
-    /// Reads at `offset` until `out` is full; returns how many bytes were read for it. `scratch` is
-    /// used when the bytes cannot be read directly to where they belong.
-    pub(super) fn read_into(
-        &self,
-        offset: u64,
-        out: &mut [u8],
-        scratch: &mut Blocks,
-    ) -> std::result::Result<u64, Cause> {
-        let aligned = out.as_ptr().align_offset(BLOCK_BYTES) == 0
-            && offset.is_multiple_of(BLOCK_BYTES as u64)
-            && out.len().is_multiple_of(BLOCK_BYTES);
-        let refused = self.direct_refused.load(Ordering::Relaxed);
-        if self.pool.caching == Caching::Direct && !refused && !aligned {
-            let (bytes, read) = self.read(offset, out.len(), scratch)?;
-            out.copy_from_slice(bytes);
-            return Ok(read);
-        }
-        let open = self.get()?;
-        let len = out.len();
-        match self.direct(&open, offset, out, len)? {
-            Some(read) => Ok(read),
-            None => self.plain(&open, offset, out),
-        }
-    }
-
-    /// Reads whole blocks past the page cache until the first `needed` bytes of `out` are there;
-    /// `None` where that is not done.
-    fn direct(
-        &self,
-        open: &Open,
-        offset: u64,
-        out: &mut [u8],
-        needed: usize,
-    ) -> std::result::Result<Option<u64>, Cause> {
-        if !open.direct.load(Ordering::Relaxed) {
-            return Ok(None);
-        }
-        let mut got = 0;
-        while got < needed {
-            match open.file.read_at(&mut out[got..], offset + got as u64) {
-                Ok(0) => return Err(cut_short()),
-                Ok(n) => got += n,
-                Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                Err(e) if refuses_direct(&e) && got % BLOCK_BYTES == 0 => {
-                    // It let us open the file so and will not read it so.
-                    rustix::fs::fcntl_setfl(&open.file, OFlags::empty()).map_err(|e| e.to_string())?;
-                    open.direct.store(false, Ordering::Relaxed);
-                    self.direct_refused.store(true, Ordering::Relaxed);
-                    return Ok(None);
-                }
-                Err(e) => return Err(e.to_string()),
-            }
-            if got < needed && got % BLOCK_BYTES != 0 {
-                return Err(cut_short());
-            }
-        }
-        Ok(Some(got as u64))
-    }
-
-    fn plain(&self, open: &Open, offset: u64, out: &mut [u8]) -> std::result::Result<u64, Cause> {
-        open.file.read_exact_at(out, offset).map_err(|e| match e.kind() {
-            std::io::ErrorKind::UnexpectedEof => cut_short(),
-            _ => e.to_string(),
-        })?;
-        if self.pool.caching == Caching::Direct {
-            // Advice: where it is not taken, the system keeps a copy and nothing else is wrong. Only
-            // whole pages are dropped, hence the covering ones.
-            let start = offset - offset % BLOCK_BYTES as u64;
-            let end = (offset + out.len() as u64).next_multiple_of(BLOCK_BYTES as u64);
-            let _ = rustix::fs::fadvise(&open.file, start, NonZeroU64::new(end - start), Advice::DontNeed);
-        }
-        Ok(out.len() as u64)
-    }
 }
 
 impl Drop for PooledFile {
@@ -366,8 +275,4 @@ impl Drop for PooledFile {
         let open = self.pool.lock().open.pop(&self.id);
         drop(open);
     }
-}
-
-fn cut_short() -> Cause {
-    "the file ends within it".into()
 }

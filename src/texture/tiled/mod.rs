@@ -12,6 +12,7 @@ mod decode;
 mod exr;
 mod files;
 mod ifd;
+mod reading;
 mod shape;
 mod tiff;
 mod window;

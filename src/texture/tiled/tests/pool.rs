@@ -4,6 +4,8 @@ use super::super::{Caching, FilePool, TileScratch, TiledFile};
 use super::make::Tiff;
 use super::{check, open, tiff_texel, written};
 use crate::scene::Encoding;
+use rustix::fs::Advice;
+use std::path::Path;
 use std::sync::Arc;
 
 #[test]
@@ -39,7 +41,7 @@ fn many_files_and_threads_share_few_open_ones() {
 fn both_ways_of_reading_agree_and_count_their_bytes() {
     let spec = Tiff { tile: (64, 64), sizes: super::chain(300, 200), compression: 1, ..Tiff::default() };
     let (_folder, path) = written(&spec.build());
-    for caching in [Caching::Direct, Caching::System] {
+    for caching in [Caching::Direct, Caching::Borrow, Caching::System] {
         let pool = Arc::new(FilePool::new(1, caching));
         let file = TiledFile::open(&path, Encoding::Linear, &pool).expect("readable").expect("tiled");
         check(&file, |level, x, y, c| tiff_texel(&spec, level, x, y, c));
@@ -49,10 +51,62 @@ fn both_ways_of_reading_agree_and_count_their_bytes() {
         match caching {
             Caching::System => assert_eq!((read, out.len()), (12288, 12288)),
             // Where the filesystem has no direct reads, the plain one reads no more than it must.
-            Caching::Direct => {
+            Caching::Direct | Caching::Borrow => {
                 assert!((12288..=16384).contains(&read) && read.is_multiple_of(4096), "{read}")
             }
         }
+    }
+}
+
+/// Pages of a file that the system has in memory; `None` where nothing tells.
+fn pages_in_memory(path: &Path) -> Option<u64> {
+    let mut fincore = std::process::Command::new("fincore");
+    let said = fincore.args(["--noheadings", "--output", "PAGES"]).arg(path).output().ok()?;
+    String::from_utf8(said.stdout).ok()?.trim().parse().ok()
+}
+
+#[test]
+fn reads_leave_no_second_copy_with_the_system() {
+    // Some tiles deflated, which begin anywhere in a block, and some not.
+    for compression in [1, 8] {
+        let spec = Tiff { tile: (64, 64), sizes: super::chain(900, 700), compression, ..Tiff::default() };
+        // Not where temporary files are: those may live in memory anyway.
+        let program = std::env::current_exe().expect("a program");
+        let folder = tempfile::tempdir_in(program.parent().expect("a folder")).expect("folder");
+        let path = folder.path().join("t.tx");
+        std::fs::write(&path, spec.build()).expect("written");
+        let on_disk = std::fs::File::open(&path).expect("there");
+        on_disk.sync_all().expect("on the disk");
+        let left = |caching, forget: bool| {
+            if forget {
+                rustix::fs::fadvise(&on_disk, 0, None, Advice::DontNeed).expect("taken");
+            }
+            let before = pages_in_memory(&path)?;
+            let pool = Arc::new(FilePool::new(1, caching));
+            let file = TiledFile::open(&path, Encoding::Linear, &pool).expect("readable").expect("tiled");
+            // Threads turn the way of reading under each other.
+            std::thread::scope(|threads| {
+                for k in 0..3 {
+                    let file = &file;
+                    threads.spawn(move || {
+                        let (mut scratch, mut out) = (TileScratch::default(), vec![0; file.tile_bytes()]);
+                        for i in 0..4 * file.tile_count() {
+                            let tile = i * (2 * k + 1) % file.tile_count();
+                            file.read_tile(tile, &mut out, &mut scratch).expect("read");
+                        }
+                    });
+                }
+            });
+            Some((before, pages_in_memory(&path)?))
+        };
+        let Some((0, kept)) = left(Caching::System, true) else { return };
+        assert!(kept > 0, "the page cache keeps what is read through it");
+        assert_eq!(left(Caching::Direct, true), Some((0, 0)));
+        assert_eq!(left(Caching::Borrow, true), Some((0, 0)));
+        // What others have brought there stays, and is used.
+        std::fs::read(&path).expect("read");
+        let (before, after) = left(Caching::Borrow, false).expect("told before");
+        assert!(before > 0 && after == before, "{before} {after}");
     }
 }
 
