@@ -2,7 +2,7 @@
 
 use crate::cli::progress::Bar;
 use crate::cli::render::note_warnings;
-use crate::cli::{End, check_not_input, interrupt, note, print, values};
+use crate::cli::{End, check_apart, check_not_input, interrupt, note, print, values};
 use clap::Args;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -87,12 +87,15 @@ pub(crate) struct Options {
 }
 
 /// Most rays: what is recorded takes 32 bytes each.
-const MOST_RAYS: u64 = 1 << 30;
+const MOST_RAYS: u64 = 1 << 27;
 
 /// Runs the command.
 pub(crate) fn run(options: &Options) -> Result<End> {
     let mut named = options.output.iter().chain(&options.json);
     named.try_for_each(|path| check_not_input(path, &options.scene, "scene"))?;
+    if let (Some(image), Some(json)) = (&options.output, &options.json) {
+        check_apart(image, json)?;
+    }
     options.output.iter().try_for_each(|path| check_writable(path))?;
     options.json.iter().try_for_each(|path| check_replaceable(path))?;
     if options.rays > MOST_RAYS {

@@ -162,6 +162,21 @@ pub(crate) fn check_not_input(output: &Path, input: &Path, role: &str) -> Result
     Ok(())
 }
 
+/// Whoever is written second would replace the first.
+pub(crate) fn check_apart(image: &Path, record: &Path) -> Result<()> {
+    let place = |path: &Path| {
+        let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        (parent.canonicalize().ok(), path.file_name().map(ToOwned::to_owned))
+    };
+    if image == record || place(image) == place(record) {
+        let image = image.display();
+        return Err(Error::Usage(format!(
+            "{image}: is to be written twice; name another file for one of them"
+        )));
+    }
+    check_not_input(record, image, "image")
+}
+
 /// Writes a result to standard output.
 pub(crate) fn print(text: &str) -> Result<End> {
     let mut out = io::stdout().lock();

@@ -1,7 +1,7 @@
 //! `weir render`: loads, renders, writes images and statistics, and says so.
 
 use crate::cli::progress::Bar;
-use crate::cli::{End, check_not_input, interrupt, note, print, values};
+use crate::cli::{End, check_apart, check_not_input, interrupt, note, print, values};
 use clap::{Args, ValueEnum};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -69,12 +69,12 @@ pub(crate) struct Options {
     /// Bytes of textures in memory: 512M, 2G; half of what is free if not given
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
     texture_memory: Option<u64>,
-    /// Bytes of geometry in memory, its trees included; meshes that do not fit come and go in pages, which
-    /// needs the native backend
+    /// Bytes of geometry in memory while rendering, its trees included; meshes that do not fit come and go in
+    /// pages, which needs the native backend
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
     geometry_memory: Option<u64>,
     /// Bytes of a page of geometry, 4K to 128K
-    #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::bytes, allow_negative_numbers = true)]
+    #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::page_bytes, allow_negative_numbers = true)]
     page_size: u64,
     /// A read of a texture tile takes at least so many milliseconds (slow storage, simulated)
     #[arg(long, value_name = "N", default_value = "0", value_parser = values::milliseconds, allow_negative_numbers = true)]
@@ -171,6 +171,9 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     // Before the work, so that none is lost to a name that cannot be written.
     let mut named = options.output.iter().chain(&options.stats);
     named.try_for_each(|path| check_not_input(path, &options.scene, "scene"))?;
+    if let Some(stats) = &options.stats {
+        options.output.iter().try_for_each(|image| check_apart(image, stats))?;
+    }
     options.output.iter().try_for_each(|path| check_writable(path))?;
     options.stats.iter().try_for_each(|path| check_replaceable(path))?;
     let result = load_and_render(options, &bar);
@@ -207,7 +210,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         print(&summary(&outcome.stats, &outputs, options.stats.as_deref()))?;
     }
     // Last, where nobody overlooks it: the image is there, but not as the scene wants it.
-    outcome.unreadable.iter().for_each(|line| note(&format!("{line}; magenta stands in for it")));
+    outcome.unreadable.iter().for_each(|line| note(line));
     Ok(if outcome.unreadable.is_empty() { End::Done } else { End::BadInput })
 }
 

@@ -2,6 +2,18 @@
 //! option's name before it.
 
 use std::ops::RangeInclusive;
+use weir::geometry::pages::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
+
+/// Bytes of a page of geometry.
+pub(super) fn page_bytes(text: &str) -> Result<u64, String> {
+    let bytes = bytes(text)?;
+    let (least, most) = (LEAST_PAGE_BYTES as u64, MOST_PAGE_BYTES as u64);
+    if (least..=most).contains(&bytes) {
+        Ok(bytes)
+    } else {
+        Err(format!("`{text}` is not from {least} to {most} bytes; 16K or 64K is"))
+    }
+}
 
 /// Bytes: `65536`, `512M`, `1.5G` (powers of 1024).
 pub(super) fn bytes(text: &str) -> Result<u64, String> {

@@ -45,13 +45,13 @@ pub struct Paging {
 }
 
 impl Paging {
-    /// Whether all of `scene` surely fits: a triangle in a binary file takes some 23 bytes, in memory with its tree
-    /// some 90; packed and written-out files are another matter.
-    fn surely_fits(&self, scene: &SceneDescription) -> bool {
+    /// Whether it is worth a try to keep all of `scene`: a triangle in a binary file takes some 23 bytes, in memory
+    /// with its tree some 90.
+    fn may_fit(&self, scene: &SceneDescription) -> bool {
         let bytes = |source: &MeshSource| match source {
             MeshSource::Ply(path) => {
                 let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-                std::fs::metadata(path).map_or(0, |m| m.len().saturating_mul(if packed { 40 } else { 8 }))
+                std::fs::metadata(path).map_or(0, |m| m.len().saturating_mul(if packed { 16 } else { 4 }))
             }
             MeshSource::Inline(_) | MeshSource::Loop { .. } => 0,
         };
@@ -62,15 +62,35 @@ impl Paging {
 /// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
 const LEAST_PAGED: usize = 1024;
 
-/// Loads the shapes of `scene`.
+/// Loads the shapes of `scene`. `stop` is asked before a mesh is cut into pages, which may take long.
 ///
 /// # Errors
-/// The first mesh, in the scene's order, that cannot be read.
-pub fn load(scene: &SceneDescription, paging: Option<&Paging>) -> Result<SceneGeometry> {
-    let maker = match paging.filter(|p| !p.surely_fits(scene)) {
-        Some(p) => Some((PageMaker::new(p.cache_dir.as_deref(), p.page_bytes)?, p.page_bytes)),
-        None => None,
-    };
+/// [`Error::Interrupted`] when `stop` says so. /// The first mesh, in the scene's order, that cannot be read.
+pub fn load(
+    scene: &SceneDescription,
+    paging: Option<&Paging>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<SceneGeometry> {
+    let Some(paging) = paging else { return load_with(scene, None, stop) };
+    if paging.may_fit(scene) {
+        let geometry = load_with(scene, None, stop)?;
+        if geometry.bytes() + TREE_BYTES * geometry.primitive_count() <= paging.budget {
+            return Ok(geometry);
+        }
+    }
+    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes)?;
+    load_with(scene, Some((maker, paging.page_bytes)), stop)
+}
+
+/// Of a primitive's share of the tree, at most: 51 to 60 for triangles (`weir compare`), and as much again for the tree
+/// of those that shine.
+const TREE_BYTES: u64 = 128;
+
+fn load_with(
+    scene: &SceneDescription,
+    maker: Option<(PageMaker, usize)>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<SceneGeometry> {
     // An interface without emission neither scatters nor emits. Unless it separates media, no ray
     // need ever stop at it.
     let visible = |s: &&Shape| {
@@ -88,7 +108,7 @@ pub fn load(scene: &SceneDescription, paging: Option<&Paging>) -> Result<SceneGe
     }
     // Collected as results first, so that the error reported is the first in the scene's order.
     let loaded: Vec<Result<(Surface, Option<PageFile>)>> =
-        shapes.par_iter().map(|s| surface(scene, s, maker.as_ref().map(|m| &m.0))).collect();
+        shapes.par_iter().map(|s| surface(scene, s, maker.as_ref().map(|m| &m.0), stop)).collect();
     let loaded = loaded.into_iter().collect::<Result<Vec<_>>>()?;
     let mut files = Vec::new();
     let mut first = 0;
@@ -126,6 +146,7 @@ fn surface(
     scene: &SceneDescription,
     shape: &Shape,
     maker: Option<&PageMaker>,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Surface, Option<PageFile>)> {
     let to_world = &shape.object_to_world;
     let flip = shape.reverse_orientation ^ to_world.swaps_handedness();
@@ -141,12 +162,16 @@ fn surface(
                 _ => None,
             };
             let paged = maker.zip(source);
-            let found = match &paged {
-                Some((maker, source)) => maker.find(source)?,
+            // Named before it is read: what is read may be newer, never older.
+            let paged = match paged {
+                Some((maker, source)) => Some((maker, maker.name(&source)?, source)),
                 None => None,
             };
-            if let Some((mesh, pages)) = found {
+            if let Some((mesh, pages)) = paged.as_ref().and_then(|(maker, named, _)| maker.find(named)) {
                 return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages)));
+            }
+            if paged.is_some() && stop() {
+                return Err(Error::Interrupted);
             }
             let mesh = match &scene.meshes[id.index()] {
                 MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
@@ -156,8 +181,8 @@ fn surface(
             };
             let mesh = place_mesh(mesh, to_world, shape.reverse_orientation);
             match paged {
-                Some((maker, source)) if mesh.indices.len() >= LEAST_PAGED => {
-                    let (mesh, pages) = maker.make(&source, &mesh)?;
+                Some((maker, named, source)) if mesh.indices.len() >= LEAST_PAGED => {
+                    let (mesh, pages) = maker.make(&source, &named, &mesh)?;
                     file = Some(pages);
                     SurfaceShape::Paged(mesh)
                 }

@@ -176,7 +176,7 @@ mod tests {
 
     fn geometry(shape: &str) -> SceneGeometry {
         let scene = parse_str(&format!("WorldBegin\n{shape}\n"), Path::new("test.pbrt")).expect("a scene");
-        load(&scene, None).expect("geometry")
+        load(&scene, None, &|| false).expect("geometry")
     }
 
     /// Change of (u, v) along `h`, which must come out the same as either axis.

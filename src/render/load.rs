@@ -17,6 +17,7 @@ use crate::texture::convert::Watch;
 use crate::texture::{Caching, TextureCoordinates, TextureOptions, TextureStore, Textures};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Geometry with the masks of its surfaces, textures, and the images of lights.
@@ -42,7 +43,7 @@ pub(super) fn load(
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let watch = Watch { cancel: control.cancel, progress: &converting };
     let (geometry, (store, environments)) = rayon::join(
-        || geometry::load(scene, paging.as_ref()),
+        || geometry::load(scene, paging.as_ref(), &|| control.cancel.load(Ordering::Relaxed)),
         || {
             rayon::join(
                 || TextureStore::load(&scene.images, &needs, &options, watch),

@@ -241,7 +241,7 @@ fn remember(index: &Path, stamp: &Stamp, hash: &str) {
 }
 
 /// Removes what crashed conversions left. Whoever writes one now has touched it within the day.
-fn remove_leftovers(dir: &Path) {
+pub(crate) fn remove_leftovers(dir: &Path) {
     let Ok(entries) = fs::read_dir(dir) else { return };
     for entry in entries.flatten() {
         let name = entry.file_name();

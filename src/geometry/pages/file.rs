@@ -4,10 +4,10 @@
 
 use super::format::{VERSION, is_whole};
 use crate::error::{Error, Result};
+use crate::open::open_entry;
 use crate::texture::cache::TileSource;
 use crate::texture::{FilePool, RawFile, TileScratch};
 use bytemuck::{Pod, Zeroable};
-use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -108,7 +108,7 @@ pub(super) fn open(
     page_bytes: usize,
     files: &Arc<FilePool>,
 ) -> Option<(PagedMesh, PageFile)> {
-    let mut stream = File::open(path).ok()?;
+    let mut stream = open_entry(path).ok()?;
     let length = stream.metadata().ok()?.len();
     let mut head = Head::zeroed();
     stream.read_exact(bytemuck::bytes_of_mut(&mut head)).ok()?;

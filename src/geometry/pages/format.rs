@@ -92,7 +92,18 @@ pub(super) fn is_whole(bytes: &[u8]) -> bool {
 /// Copies the triangle in `slot` of a whole page into `out`, a mesh of one triangle.
 pub(super) fn read_triangle(bytes: &[u8], slot: usize, out: &mut Mesh) {
     let view = PageView::new(bytes);
+    if out.indices.is_empty() {
+        out.indices.push([0, 1, 2]);
+    }
     out.positions.clear();
+    if slot >= view.slots() {
+        // It was hit, left, and cannot be read again, which is reported: the image is wrong, but ends.
+        out.positions.extend([[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        out.normals.clear();
+        out.uvs.clear();
+        out.tangents.clear();
+        return;
+    }
     out.positions.extend(view.triangle(slot));
     let vertices = view.free[VERTICES] as usize;
     let attributes = view.free[ATTRIBUTES];
@@ -109,9 +120,6 @@ pub(super) fn read_triangle(bytes: &[u8], slot: usize, out: &mut Mesh) {
     pick(bytes, normals, corners, &mut out.normals);
     pick(bytes, uvs, corners, &mut out.uvs);
     pick(bytes, tangents, corners, &mut out.tangents);
-    if out.indices.is_empty() {
-        out.indices.push([0, 1, 2]);
-    }
 }
 
 fn pick<T: Pod>(bytes: &[u8], column: Option<std::ops::Range<usize>>, corners: [usize; 3], out: &mut Vec<T>) {

@@ -17,6 +17,7 @@ use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Makes page files of one size.
@@ -36,19 +37,30 @@ pub(crate) struct Source<'a> {
     pub(crate) reverse: bool,
 }
 
+/// A source as it was at a time.
+pub(crate) struct Named {
+    key: u64,
+    stamp: Stamp,
+}
+
+/// A file that changed within this time may change again without a new time stamp: clocks of file
+/// systems are as coarse as two seconds (FAT).
+const UNSETTLED: Duration = Duration::from_secs(3);
+
 impl Source<'_> {
     /// Names the mesh as it is now, with all that its pages depend on.
-    fn key(&self, page_bytes: usize) -> Result<u64> {
+    fn name(&self, page_bytes: usize) -> Result<Named> {
         let stamp = Stamp::of(self.path)?;
         let full = std::fs::canonicalize(self.path).unwrap_or_else(|_| self.path.to_path_buf());
         let mut text = full.into_os_string().into_encoded_bytes();
-        // A system that says too little of a file makes its pages anew each time.
-        let stamp = stamp.text().unwrap_or_else(|| format!("{:?}", std::time::SystemTime::now()));
-        text.extend_from_slice(format!("\0{stamp}\0{VERSION}\0{page_bytes}\0{}", self.reverse).as_bytes());
+        // Pages are made anew each time of a file that may change unnoticed, or of which the system says too little.
+        let known = stamp.text().filter(|_| stamp.settled(UNSETTLED));
+        let known = known.unwrap_or_else(|| format!("{:?}", SystemTime::now()));
+        text.extend_from_slice(format!("\0{known}\0{VERSION}\0{page_bytes}\0{}", self.reverse).as_bytes());
         for entry in self.to_world.m.to_cols_array() {
             text.extend_from_slice(&entry.to_bits().to_le_bytes());
         }
-        Ok(xxh3_64(&text))
+        Ok(Named { key: xxh3_64(&text), stamp })
     }
 }
 
@@ -70,21 +82,31 @@ impl PageMaker {
         self.directory.join(format!("{key:016x}.pages"))
     }
 
-    /// The pages of `source`, if they have been made.
+    /// `source` as it is now, before it is read.
     ///
     /// # Errors
-    /// [`Error::Io`] when the source is not there.
-    pub(crate) fn find(&self, source: &Source<'_>) -> Result<Option<(PagedMesh, PageFile)>> {
-        let key = source.key(self.page_bytes)?;
-        Ok(file::open(&self.path(key), key, self.page_bytes, &self.files))
+    /// [`Error::Io`] when it is not there.
+    pub(crate) fn name(&self, source: &Source<'_>) -> Result<Named> {
+        source.name(self.page_bytes)
     }
 
-    /// Makes the pages of `mesh`, which was read from `source`.
+    /// The pages of what has this name, if they have been made.
+    pub(crate) fn find(&self, named: &Named) -> Option<(PagedMesh, PageFile)> {
+        file::open(&self.path(named.key), named.key, self.page_bytes, &self.files)
+    }
+
+    /// Makes the pages of `mesh`, which was read from `source` after that was given its name.
     ///
     /// # Errors
-    /// [`Error::Resource`] when the directory cannot take them.
-    pub(crate) fn make(&self, source: &Source<'_>, mesh: &Mesh) -> Result<(PagedMesh, PageFile)> {
-        let key = source.key(self.page_bytes)?;
+    /// [`Error::Input`] when the source has changed since; [`Error::Resource`] when the directory cannot take them.
+    pub(crate) fn make(
+        &self,
+        source: &Source<'_>,
+        named: &Named,
+        mesh: &Mesh,
+    ) -> Result<(PagedMesh, PageFile)> {
+        named.stamp.check(source.path)?;
+        let key = named.key;
         let path = self.path(key);
         let pages = self.pages(mesh);
         let cannot = |e: io::Error| {
@@ -95,6 +117,7 @@ impl PageMaker {
             ))
         };
         DirBuilder::new().recursive(true).mode(0o700).create(&self.directory).map_err(cannot)?;
+        cache_dir::remove_leftovers(&self.directory);
         let triangles = mesh.indices.len() as u64;
         try_replace_entry(&path, |out| file::write(out, key, self.page_bytes, triangles, &pages))
             .map_err(cannot)?;

@@ -108,6 +108,29 @@ fn bits(hit: &Hit) -> [u32; 6] {
 }
 
 #[test]
+fn a_mesh_that_changes_while_it_is_read_is_not_cut() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sheet.ply");
+    std::fs::write(&path, "stands for a mesh").expect("writable");
+    let maker = PageMaker::new(Some(folder.path()), LEAST_PAGE_BYTES).expect("a folder is given");
+    let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
+    let named = maker.name(&source).expect("the source is there");
+    std::fs::write(&path, "stands for another mesh").expect("writable");
+    let error = maker.make(&source, &named, &sheet(4)).err().expect("it has changed");
+    assert!(error.to_string().contains("changed while it was read"), "{error}");
+    assert!(!folder.path().join("pages").exists());
+}
+
+#[test]
+fn a_page_that_has_become_unreadable_is_no_panic() {
+    let mut mesh = sheet(2);
+    let zeros: &[u8] = bytemuck::cast_slice(&[0u64; 512]);
+    read_triangle(zeros, 77, &mut mesh);
+    assert_eq!(mesh.positions.len(), 3);
+    assert!(mesh.normals.is_empty() && mesh.uvs.is_empty() && mesh.tangents.is_empty());
+}
+
+#[test]
 fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("sheet.ply");
@@ -118,9 +141,10 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     for page_bytes in [LEAST_PAGE_BYTES, 16 << 10, MOST_PAGE_BYTES] {
         let maker = PageMaker::new(Some(folder.path()), page_bytes).expect("a folder is given");
         let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
-        assert!(maker.find(&source).expect("the source is there").is_none(), "nothing is made yet");
-        drop(maker.make(&source, &mesh).expect("room in the folder"));
-        let (paged, file) = maker.find(&source).expect("there").expect("it has been made");
+        let named = maker.name(&source).expect("the source is there");
+        assert!(maker.find(&named).is_none(), "nothing is made yet");
+        drop(maker.make(&source, &named, &mesh).expect("room in the folder"));
+        let (paged, file) = maker.find(&named).expect("it has been made");
         assert_eq!(paged.triangles, mesh.indices.len() as u64);
         let store = PageStore::new(vec![file], page_bytes).expect("few pages");
         let budget = store.least(1) + 2 * page_bytes as u64;
