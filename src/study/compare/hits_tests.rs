@@ -46,9 +46,10 @@ fn is_found(lie: Lie, who: usize, reasons: &[Reason]) {
     let Compared { tally, lies } = compared(Some((lie, who)));
     assert!(lies >= 4, "{lies} lies");
     let counted: u64 = reasons.iter().filter_map(|r| tally.reasons.get(r)).sum();
-    // What was dropped or moved at the end of a ray's range, or at the outline, may pass for rounding.
+    // What was dropped or moved at the end of a ray's range, or at the outline, may pass for rounding; of aimed rays
+    // half pass a corner or an edge.
     let rounding: u64 = [Reason::Edge, Reason::Range].iter().filter_map(|r| tally.reasons.get(r)).sum();
-    assert!(counted + rounding >= lies && counted * 2 > lies, "{lies} lies: {:?}", tally.reasons);
+    assert!(counted + rounding >= lies && counted * 3 > lies, "{lies} lies: {:?}", tally.reasons);
     assert_eq!(tally.reasons.values().sum::<u64>(), counted + rounding, "{:?}", tally.reasons);
     let blamed = if who == 0 { tally.unexplained } else { tally.explained - rounding };
     assert_eq!(blamed, counted);

@@ -81,7 +81,7 @@ impl Triangles {
     }
 }
 
-/// What a liar does to every thousandth hit.
+/// What a liar does to a hundredth of the hits.
 #[derive(Clone, Copy)]
 pub(super) enum Lie {
     /// Drops it.
@@ -98,17 +98,21 @@ pub(super) enum Lie {
 pub(super) struct Liar<'a> {
     pub(super) inner: &'a dyn Accel,
     pub(super) lie: Lie,
-    pub(super) hits: AtomicU64,
     pub(super) lies: AtomicU64,
 }
 
 impl<'a> Liar<'a> {
     pub(super) fn new(inner: &'a dyn Accel, lie: Lie) -> Self {
-        Self { inner, lie, hits: AtomicU64::new(0), lies: AtomicU64::new(0) }
+        Self { inner, lie, lies: AtomicU64::new(0) }
     }
 
-    fn lies_now(&self) -> bool {
-        let now = self.hits.fetch_add(1, Ordering::Relaxed) % 1000 == 999;
+    /// About one ray in a hundred, the same whoever asks when.
+    fn lies_now(&self, ray: &Ray) -> bool {
+        let bits = ray.origin.to_array().into_iter().chain(ray.direction.to_array());
+        let hash = bits.fold(0u64, |h, c| {
+            (h ^ u64::from(c.to_bits())).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29)
+        });
+        let now = hash % 100 == 7;
         self.lies.fetch_add(u64::from(now), Ordering::Relaxed);
         now
     }
@@ -117,19 +121,23 @@ impl<'a> Liar<'a> {
 impl Accel for Liar<'_> {
     fn closest(&self, ray: &Ray) -> Hit {
         let hit = self.inner.closest(ray);
-        if hit.geometry == crate::accel::NONE || matches!(self.lie, Lie::Occlusion) || !self.lies_now() {
+        if hit.geometry == crate::accel::NONE || matches!(self.lie, Lie::Occlusion) || !self.lies_now(ray) {
             return hit;
         }
         match self.lie {
             Lie::Drop => Hit::MISS,
             Lie::Move => Hit { t: hit.t * 1.0001, ..hit },
-            Lie::Rename | Lie::Occlusion => Hit { primitive: hit.primitive ^ 64, ..hit },
+            Lie::Rename | Lie::Occlusion => {
+                // One that there is.
+                let primitive = hit.primitive.checked_sub(64).unwrap_or(hit.primitive + 64);
+                Hit { primitive, ..hit }
+            }
         }
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
         let truth = self.inner.occluded(ray);
-        truth != (matches!(self.lie, Lie::Occlusion) && self.lies_now())
+        truth != (matches!(self.lie, Lie::Occlusion) && self.lies_now(ray))
     }
 
     fn bytes(&self) -> u64 {
