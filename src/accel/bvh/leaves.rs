@@ -11,82 +11,108 @@ use super::tree::{Block, LANES};
 use super::triangle::{candidates, candidates_and_hits, intersect};
 use crate::accel::{Geometry, Hit, NONE, Ray};
 
-pub(super) struct NearestTriangle<'s, 'a> {
+/// Triangles of a tree or of a page, and the ray that meets them.
+pub(super) struct Triangles<'s, 'a> {
     pub(super) scene: &'s BvhScene<'a>,
     pub(super) object: &'s Object<'a>,
     pub(super) blocks: &'s [Block],
     /// Where they are a page's: the geometry that it belongs to, and its name.
     pub(super) page: Option<(u32, u32)>,
-    pub(super) instance: u32,
     pub(super) ray: &'s Ray,
     pub(super) query: &'s Query,
+}
+
+impl<'s, 'a> Triangles<'s, 'a> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
+        let blocks = self.blocks;
+        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+    }
+
+    /// The geometry of the triangle in lane `lane` of block `at`, and its place.
+    #[inline(always)]
+    fn name(&self, at: usize, lane: usize) -> (u32, u32) {
+        match self.page {
+            None => (self.blocks[at].geometry[lane], NONE),
+            Some((geometry, page)) => (geometry, page::place(page, at * LANES + lane)),
+        }
+    }
+
+    /// Whether any has an alpha mask; paged ones have none.
+    #[inline(always)]
+    fn masked(&self) -> bool {
+        self.page.is_none() && self.object.masked
+    }
+
+    #[inline(always)]
+    fn passes(&self, geometry: u32, primitive: u32, met: Met) -> bool {
+        self.scene.passes(self.object.alpha(geometry), primitive, met, self.ray)
+    }
+}
+
+pub(super) struct NearestTriangle<'s, 'a> {
+    pub(super) triangles: Triangles<'s, 'a>,
+    pub(super) instance: u32,
     pub(super) best: &'s mut Best,
 }
 
 impl<'s, 'a> Leaves for NearestTriangle<'s, 'a> {
     #[inline(always)]
     fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
-        let blocks = self.blocks;
-        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+        self.triangles.prefetcher()
     }
 
     #[inline(always)]
     fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
-        for (at, block) in self.blocks[start..start + count].iter().enumerate() {
-            let mut lanes = candidates(self.query, block);
+        let Self { triangles, instance, best } = self;
+        for (at, block) in (start..).zip(&triangles.blocks[start..start + count]) {
+            let mut lanes = candidates(triangles.query, block);
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize;
                 lanes &= lanes - 1;
-                let Some(met) = intersect(self.query, block, lane) else { continue };
+                let Some(met) = intersect(triangles.query, block, lane) else { continue };
                 let primitive = block.primitive[lane];
-                let (geometry, place) = match self.page {
-                    None => (block.geometry[lane], NONE),
-                    Some((geometry, page)) => (geometry, page::place(page, (start + at) * LANES + lane)),
-                };
-                if !self.best.is_beaten_by(met.t, self.instance, geometry, primitive)
-                    || self.scene.passes(self.object.alpha(geometry), primitive, met, self.ray)
+                let (geometry, place) = triangles.name(at, lane);
+                if !best.is_beaten_by(met.t, *instance, geometry, primitive)
+                    || triangles.passes(geometry, primitive, met)
                 {
                     continue;
                 }
                 let Met { t, u, v } = met;
-                self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance, place });
+                best.take(Hit { t, u, v, geometry, primitive, instance: *instance, place });
             }
         }
-        self.best.hit.t
+        best.hit.t
     }
 }
 
 pub(super) struct AnyTriangle<'s, 'a> {
-    pub(super) scene: &'s BvhScene<'a>,
-    pub(super) object: &'s Object<'a>,
-    pub(super) blocks: &'s [Block],
-    pub(super) ray: &'s Ray,
-    pub(super) query: &'s Query,
+    pub(super) triangles: Triangles<'s, 'a>,
     pub(super) found: bool,
 }
 
 impl<'s, 'a> Leaves for AnyTriangle<'s, 'a> {
     #[inline(always)]
     fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
-        let blocks = self.blocks;
-        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+        self.triangles.prefetcher()
     }
 
     #[inline(always)]
     fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
-        for block in &self.blocks[start..start + count] {
-            let (mut lanes, hits) = candidates_and_hits(self.query, block, t_max);
-            if hits != 0 && !self.object.masked {
-                self.found = true;
+        let Self { triangles, found } = self;
+        for (at, block) in (start..).zip(&triangles.blocks[start..start + count]) {
+            let (mut lanes, hits) = candidates_and_hits(triangles.query, block, t_max);
+            if hits != 0 && !triangles.masked() {
+                *found = true;
                 return f32::NEG_INFINITY;
             }
             while lanes != 0 {
                 let lane = lanes.trailing_zeros() as usize;
                 lanes &= lanes - 1;
-                let Some(met) = intersect(self.query, block, lane) else { continue };
-                let alpha = self.object.alpha(block.geometry[lane]);
-                if met.t < t_max && !self.scene.passes(alpha, block.primitive[lane], met, self.ray) {
-                    self.found = true;
+                let Some(met) = intersect(triangles.query, block, lane) else { continue };
+                let (geometry, _) = triangles.name(at, lane);
+                if met.t < t_max && !triangles.passes(geometry, block.primitive[lane], met) {
+                    *found = true;
                     return f32::NEG_INFINITY;
                 }
             }

@@ -5,7 +5,7 @@
 
 use super::build::{BuildSettings, build};
 use super::collapse::{into_blocks, widen};
-use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle};
+use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle, Triangles};
 use super::memory::Frozen;
 use super::page::PageView;
 use super::plain::{self, Leaves};
@@ -183,8 +183,8 @@ impl<'a> BvhScene<'a> {
     ) {
         if !object.blocks.is_empty() {
             let blocks = object.blocks.elements();
-            let mut leaves =
-                NearestTriangle { scene: self, object, blocks, page: None, instance, ray, query, best };
+            let triangles = Triangles { scene: self, object, blocks, page: None, ray, query };
+            let mut leaves = NearestTriangle { triangles, instance, best };
             let t_max = leaves.best.hit.t;
             self.traverse::<COUNT, true>(&object.triangles, query, t_max, work, &mut leaves);
         }
@@ -215,7 +215,8 @@ impl<'a> BvhScene<'a> {
     ) -> bool {
         if !object.blocks.is_empty() {
             let blocks = object.blocks.elements();
-            let mut leaves = AnyTriangle { scene: self, object, blocks, ray, query, found: false };
+            let triangles = Triangles { scene: self, object, blocks, page: None, ray, query };
+            let mut leaves = AnyTriangle { triangles, found: false };
             self.traverse::<COUNT, false>(&object.triangles, query, ray.t_max, work, &mut leaves);
             if leaves.found {
                 return true;
@@ -275,16 +276,9 @@ impl<'a> BvhScene<'a> {
         pages.visit(page.1, &mut |bytes| {
             let view = PageView::new(bytes);
             let t_max = best.hit.t;
-            let mut inner = NearestTriangle {
-                scene: self,
-                object,
-                blocks: view.blocks,
-                page: Some(page),
-                instance: *instance,
-                ray,
-                query,
-                best,
-            };
+            let triangles =
+                Triangles { scene: self, object, blocks: view.blocks, page: Some(page), ray, query };
+            let mut inner = NearestTriangle { triangles, instance: *instance, best };
             self.traverse_wide::<COUNT, true>(view.nodes, query, t_max, work, &mut inner);
         });
     }
@@ -302,10 +296,12 @@ impl<'a> BvhScene<'a> {
         let (near, far) = query.inside(lo, hi, t_max);
         let Some(pages) = self.pages.filter(|_| near <= far) else { return false };
         let mut found = false;
-        pages.visit(object.pages[r.primitive as usize].1, &mut |bytes| {
+        let page = object.pages[r.primitive as usize];
+        pages.visit(page.1, &mut |bytes| {
             let view = PageView::new(bytes);
-            let mut inner =
-                AnyTriangle { scene: self, object, blocks: view.blocks, ray, query, found: false };
+            let triangles =
+                Triangles { scene: self, object, blocks: view.blocks, page: Some(page), ray, query };
+            let mut inner = AnyTriangle { triangles, found: false };
             self.traverse_wide::<COUNT, false>(view.nodes, query, t_max, work, &mut inner);
             found = inner.found;
         });

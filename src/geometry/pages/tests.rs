@@ -22,8 +22,9 @@ impl Custom for NoCustom {
         unreachable!("triangles only")
     }
 
+    /// Whatever has a mask is not there.
     fn is_opaque(&self, _: u32, _: u32, _: (f32, f32, f32), _: &Ray) -> bool {
-        true
+        false
     }
 }
 
@@ -137,7 +138,11 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     let path = folder.path().join("sheet.ply");
     std::fs::write(&path, "stands for a mesh").expect("writable");
     let mesh = sheet(70);
-    let whole = [Geometry::Triangles { positions: &mesh.positions, indices: &mesh.indices, alpha: None }];
+    let indices = &mesh.indices[..];
+    let whole = [
+        Geometry::Triangles { positions: &mesh.positions, indices: &[], alpha: None },
+        Geometry::Triangles { positions: &mesh.positions, indices, alpha: None },
+    ];
     let whole = BvhScene::new(&whole, &[], &[], &NoCustom, None, Form::best()).expect("few triangles");
     for page_bytes in [LEAST_PAGE_BYTES, 16 << 10, MOST_PAGE_BYTES] {
         let maker = PageMaker::new(Some(folder.path()), page_bytes).expect("a folder is given");
@@ -150,7 +155,10 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
         let store = PageStore::new(vec![file], page_bytes).expect("few pages");
         let budget = store.least(1) + 2 * page_bytes as u64;
         store.open(budget, 1).expect("the least and more");
-        let geometry = [Geometry::Pages { first: 0, bounds: &paged.bounds }];
+        // Beside a mesh that has a mask, which is no matter of theirs.
+        let all = (&mesh.positions[..], &mesh.indices[..]);
+        let masked = Geometry::Triangles { positions: all.0, indices: all.1, alpha: Some(0) };
+        let geometry = [masked, Geometry::Pages { first: 0, bounds: &paged.bounds }];
         let pages: Option<&dyn Pages> = Some(&store);
         let paged = BvhScene::new(&geometry, &[], &[], &NoCustom, pages, Form::best()).expect("few pages");
         let held = store.hold();
