@@ -19,6 +19,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         memory,
         texture_cache: _,
         geometry_cache: _,
+        scheduler: _,
         miss_ratio: _,
         threads,
         busy,

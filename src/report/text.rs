@@ -66,6 +66,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         memory,
         texture_cache,
         geometry_cache,
+        scheduler: _,
         // A curve is not for text; what it says stands with its cache.
         miss_ratio: _,
         threads,

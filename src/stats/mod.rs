@@ -6,11 +6,13 @@ mod cache;
 mod key_hasher;
 mod miss_ratio;
 mod process;
+mod scheduler;
 
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
 pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
 pub use process::{available_memory_bytes, peak_rss_bytes, thread_cpu_seconds};
+pub use scheduler::{Decision, SchedulerStats, VoxelStats};
 
 use serde::{Deserialize, Serialize};
 
@@ -71,6 +73,8 @@ pub struct RenderStats {
     /// Geometry that is read page by page; absent where all of it stays.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub geometry_cache: Option<CacheStats>,
+    /// Who decided which rays ran next.
+    pub scheduler: SchedulerStats,
     /// What caches of other sizes would have missed.
     pub miss_ratio: MissRatios,
     /// Worker threads.
