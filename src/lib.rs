@@ -16,6 +16,7 @@ pub mod render;
 pub mod replace;
 pub mod report;
 pub mod scene;
+pub mod schedule;
 pub mod settings;
 pub mod stats;
 pub mod study;

@@ -43,6 +43,20 @@ pub enum TextureFilter {
     Stochastic,
 }
 
+/// What decides which rays run next. The picture is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Schedule {
+    /// Chosen from what fits in memory.
+    #[default]
+    Auto,
+    /// A wave of paths at a time on each thread: the fastest where everything fits.
+    Depth,
+    /// Large batches, whose rays are sorted before they are traced and whose hits before they are shaded.
+    Sorted,
+    /// Large batches, whose rays wait in the voxels of a grid.
+    Voxel,
+}
+
 /// What the command line may override; `None` keeps what the scene file says.
 #[derive(Clone, Debug, Default)]
 pub struct RenderSettings {
@@ -76,6 +90,13 @@ pub struct RenderSettings {
     pub geometry_memory: Option<u64>,
     /// Bytes of a page of geometry; `None` means 64 KiB.
     pub page_bytes: Option<usize>,
+    /// Which rays run next.
+    pub schedule: Schedule,
+    /// Bytes of paths in flight and their rays, where they wait; `None` means 256 MiB.
+    pub ray_memory: Option<u64>,
+    /// Voxels of the scheduling grid that have geometry in them, about; `None` means a number that follows from what
+    /// fits in memory.
+    pub voxels: Option<u32>,
     /// A read of a texture tile takes at least so long \[s\]: slow storage, simulated.
     pub texture_latency_seconds: f64,
     /// Where tiled copies of textures are kept; `None` means the user's cache directory.

@@ -118,6 +118,17 @@ pub trait Pages: Sync + Send {
     fn visit(&self, page: u32, look: &mut dyn FnMut(&[u8]));
 }
 
+/// A box with pages in it.
+#[derive(Clone, Copy, Debug)]
+pub struct PageBox {
+    /// Least corner, world space.
+    pub lo: Vec3,
+    /// Greatest corner.
+    pub hi: Vec3,
+    /// How many pages.
+    pub pages: u32,
+}
+
 /// One object placed in the world.
 #[derive(Clone, Copy, Debug)]
 pub struct InstanceOf {
@@ -133,6 +144,23 @@ pub trait Accel: Send + Sync {
     fn closest(&self, ray: &Ray) -> Hit;
     /// Whether anything lies in (t_min, t_max).
     fn occluded(&self, ray: &Ray) -> bool;
+    /// The nearer of `so_far` and the nearest hit of what the ray enters in \[`from`, `to`). Asked of parts that
+    /// follow each other from minus infinity on, each time with the last answer, it gives what [`Self::closest`]
+    /// does, to the bit, wherever they are cut: with the last part, or as soon as the answer is nearer than `to`.
+    /// A backend that knows no parts answers in the first.
+    fn closest_part(&self, ray: &Ray, from: f32, to: f32, so_far: &Hit) -> Hit {
+        let _ = to;
+        if from == f32::NEG_INFINITY { self.closest(ray) } else { *so_far }
+    }
+    /// [`Self::occluded`] likewise.
+    fn occluded_part(&self, ray: &Ray, from: f32, to: f32) -> bool {
+        let _ = to;
+        from == f32::NEG_INFINITY && self.occluded(ray)
+    }
+    /// Where in the world pages lie, if there are any: what a scheduler may want to know.
+    fn pages(&self) -> Vec<PageBox> {
+        Vec::new()
+    }
     /// Bytes held by acceleration structures now, as far as the backend reports them.
     fn bytes(&self) -> u64;
     /// World bounds; an empty scene has min > max.

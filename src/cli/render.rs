@@ -13,7 +13,7 @@ use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
 use weir::report::{attributes, bytes, count, seconds};
 use weir::scene::{self, SceneDescription};
-use weir::settings::{Backend, Estimator, RenderSettings, TextureFilter};
+use weir::settings::{Backend, Estimator, RenderSettings, Schedule, TextureFilter};
 use weir::stats::RenderStats;
 
 const EXAMPLES: &str = "\
@@ -76,6 +76,15 @@ pub(crate) struct Options {
     /// Bytes of a page of geometry, 4K to 128K
     #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::page_bytes, allow_negative_numbers = true)]
     page_size: u64,
+    /// Which rays run next: auto chooses depth where everything fits in memory, else what makes most of it
+    #[arg(long, value_name = "NAME", default_value = "auto")]
+    schedule: ScheduleName,
+    /// Bytes of paths in flight and their rays where they wait (schedules sorted and voxel); 256M if not given
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
+    ray_memory: Option<u64>,
+    /// Voxels of the scheduling grid, about; a number that follows from what fits in memory if not given
+    #[arg(long, value_name = "N", value_parser = values::voxels, allow_negative_numbers = true)]
+    voxels: Option<u32>,
     /// A read of a texture tile takes at least so many milliseconds (slow storage, simulated)
     #[arg(long, value_name = "N", default_value = "0", value_parser = values::milliseconds, allow_negative_numbers = true)]
     texture_latency_ms: f64,
@@ -106,6 +115,14 @@ enum Switch {
 enum BackendName {
     Embree,
     Native,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ScheduleName {
+    Auto,
+    Depth,
+    Sorted,
+    Voxel,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -154,6 +171,14 @@ impl Options {
             texture_memory: self.texture_memory,
             geometry_memory: self.geometry_memory,
             page_bytes: Some(usize::try_from(self.page_size).unwrap_or(usize::MAX)),
+            schedule: match self.schedule {
+                ScheduleName::Auto => Schedule::Auto,
+                ScheduleName::Depth => Schedule::Depth,
+                ScheduleName::Sorted => Schedule::Sorted,
+                ScheduleName::Voxel => Schedule::Voxel,
+            },
+            ray_memory: self.ray_memory,
+            voxels: self.voxels,
             texture_latency_seconds: self.texture_latency_ms * 1e-3,
             cache_dir: self.cache_dir.clone(),
             strict: self.strict,

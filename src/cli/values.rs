@@ -112,6 +112,11 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
     whole(text, 1..=4096).map(|n| n as usize)
 }
 
+/// Voxels of a grid.
+pub(super) fn voxels(text: &str) -> Result<u32, String> {
+    whole(text, 1..=1 << 20)
+}
+
 fn whole(text: &str, range: RangeInclusive<u32>) -> Result<u32, String> {
     text.parse()
         .ok()

@@ -8,6 +8,6 @@ pub mod read;
 pub mod write;
 
 pub use crate::replace;
-pub use buffer::FilmBuffer;
+pub use buffer::{FilmBuffer, TILE};
 pub use filter::FilterSampler;
 pub use image::Image;

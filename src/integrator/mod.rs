@@ -1,5 +1,7 @@
 //! Turns hits into radiance and new rays. Never waits for I/O, never asks which scheduler called.
 
+pub mod batch;
+mod blocks;
 pub mod bsdf;
 pub mod camera;
 pub mod cone;

@@ -289,20 +289,12 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
             let mut kept = 0;
             for i in 0..wave.paths.len() {
                 let path = wave.paths[i];
-                let ray = Ray::new(path.origin, path.direction);
-                let may_emit = match self.emitters_only {
-                    Some(emitters) => {
-                        counters.occluded += 1;
-                        emitters.occluded(&ray)
-                    }
-                    None => !self.lights.emitters.is_empty(),
-                };
-                if may_emit {
+                if self.may_emit(&path, counters) {
                     wave.paths[kept] = path;
                     kept += 1;
                 } else if sky {
                     counters.occluded += 1;
-                    if !self.accel.occluded(&ray) {
+                    if !self.accel.occluded(&Ray::new(path.origin, path.direction)) {
                         self.add_background(&path, &mut wave.radiance[path.slot as usize]);
                     }
                 }
@@ -311,6 +303,35 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
         }
         self.trace(wave, counters);
         self.shade(wave, self.max_depth);
+    }
+
+    /// Whether the ray of `path` may run into a surface that emits.
+    #[inline(always)]
+    pub(super) fn may_emit(&self, path: &Path, counters: &mut Counters) -> bool {
+        match self.emitters_only {
+            Some(emitters) => {
+                counters.occluded += 1;
+                emitters.occluded(&Ray::new(path.origin, path.direction))
+            }
+            None => !self.lights.emitters.is_empty(),
+        }
+    }
+
+    /// [`Self::shade`] for whoever traces by itself.
+    pub(super) fn shade_wave(&self, wave: &mut Wave, depth: u32) {
+        #[cfg(target_arch = "x86_64")]
+        if has_avx2() {
+            // SAFETY: the processor has been found to have every feature it is compiled for.
+            return unsafe { self.shade_avx2(wave, depth) };
+        }
+        self.shade(wave, depth);
+    }
+
+    /// [`Self::shade`] as [`Self::run_avx2`] is [`Self::run_here`].
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    fn shade_avx2(&self, wave: &mut Wave, depth: u32) {
+        self.shade(wave, depth);
     }
 }
 

@@ -3,6 +3,7 @@
 //! Invariant: what is timed as one phase has ended before the next begins.
 //! Never traces a ray itself.
 
+use super::batches::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
 use super::job::{Job, Order};
 use super::load::open_pages;
 use super::stage::{Stage, effective_film, emitters_only, pool};
@@ -10,11 +11,12 @@ use super::{Control, Outcome, Progress};
 use crate::accel::{Builder, Pages};
 use crate::error::Result;
 use crate::film::{FilmBuffer, FilterSampler, Image};
+use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
 use crate::integrator::lights::Lights;
 use crate::scene::{Film, SceneDescription};
-use crate::settings::RenderSettings;
-use crate::stats::{self, RenderStats};
+use crate::settings::{RenderSettings, Schedule};
+use crate::stats::{self, RenderStats, SchedulerStats};
 use glam::{Mat3, Vec3};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -57,6 +59,16 @@ pub(super) fn render(
     // Only where tiles may have to go and come again does the order of work cost anything.
     let reads_tiles =
         !textures.store().all_tiles_fit() || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
+    let (name, because) = choice(settings, geometry);
+    let waiting = match (name, &geometry.pages) {
+        ("voxel", Some(pages)) => Some(Waiting::Voxel { pages, voxels: settings.voxels }),
+        ("depth", _) => None,
+        _ => Some(Waiting::Sorted),
+    };
+    let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
+    if waiting.is_some() {
+        check_ray_memory(ray_memory, spp)?;
+    }
     let job = Job {
         world: &world,
         textures: textures.store(),
@@ -80,7 +92,10 @@ pub(super) fn render(
         deadline: settings.time_limit_seconds,
         start: Instant::now(),
     };
-    let counters = job.run(threads);
+    let (counters, scheduler) = match &waiting {
+        None => (job.run(threads), SchedulerStats::default()),
+        Some(waiting) => job.run_in_batches(threads, waiting, ray_memory),
+    };
     let render_s = job.start.elapsed().as_secs_f64();
 
     let interrupted = job.stopped.load(Ordering::Relaxed);
@@ -114,6 +129,8 @@ pub(super) fn render(
         geometry_memory: settings.geometry_memory,
         texture_latency_s: settings.texture_latency_seconds,
     };
+    stats.memory.peak_accounted += scheduler.ray_memory_peak;
+    stats.scheduler = SchedulerStats { name: name.into(), because, ..scheduler };
     stats.finish(&counters);
     let mut unreadable = Vec::new();
     if let Some((cache, names)) = textures.store().cache() {
@@ -137,6 +154,23 @@ pub(super) fn render(
     image.pixels = job.buffer.resolve();
     balance(&mut image.pixels, &film);
     Ok(Outcome { image, stats, interrupted, notes, unreadable })
+}
+
+/// Which schedule, and why.
+fn choice(settings: &RenderSettings, geometry: &SceneGeometry) -> (&'static str, String) {
+    let asked = || "asked for".to_owned();
+    match settings.schedule {
+        Schedule::Depth => ("depth", asked()),
+        Schedule::Sorted => ("sorted", asked()),
+        Schedule::Voxel if geometry.pages.is_some() => ("voxel", asked()),
+        Schedule::Voxel => ("sorted", "voxel was asked for, but all geometry stays in memory".into()),
+        Schedule::Auto => match &geometry.pages {
+            Some(pages) if !pages.fits_all() => {
+                ("voxel", format!("{} bytes of geometry in room for {}", pages.all_bytes(), pages.budget()))
+            }
+            _ => ("depth", "all geometry fits in memory".into()),
+        },
+    }
 }
 
 /// The sensor's white balance, on the finished image: it is linear.

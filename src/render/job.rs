@@ -15,13 +15,14 @@ use crate::scene::Film;
 use crate::stats::{self, Counters};
 use crate::texture::TextureStore;
 use glam::Vec2;
+use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Samples of a pixel that are traced together: with 64 pixels a tile, a wave is 1024 paths, some
 /// 100 KB that stay in the second-level cache.
-const PASS: u32 = 16;
+pub(super) const PASS: u32 = 16;
 
 /// Passes from which one over the whole film comes first in [`Order::Tiles`]: it reads all textures once
 /// more, which many passes are long enough for.
@@ -63,38 +64,66 @@ pub(super) struct Job<'a, A: ?Sized> {
 }
 
 impl<A: Accel + ?Sized> Job<'_, A> {
+    /// Renders a wave at a time on each thread.
     pub(super) fn run(&self, threads: usize) -> Counters {
         (self.control.progress)(Progress::Phase("rendering"));
         let mut total = Counters::default();
+        self.crew(threads, &mut total, |counters| self.work(counters));
+        total
+    }
+
+    /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand, and adds what they count to
+    /// `total`.
+    pub(super) fn crew<R: Send>(
+        &self,
+        threads: usize,
+        total: &mut Counters,
+        work: impl Fn(&mut Counters) -> R + Sync,
+    ) -> Vec<R> {
+        let one = || {
+            let mut counters = Counters::default();
+            let attached = self.textures.attach();
+            let held = self.pages.map(PageStore::hold);
+            let cpu = stats::thread_cpu_seconds();
+            let result = work(&mut counters);
+            drop(attached);
+            drop(held);
+            if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
+                counters.busy_nanoseconds += ((to - from) * 1e9) as u64;
+            }
+            (counters, result)
+        };
+        let mut results = Vec::with_capacity(threads);
         std::thread::scope(|scope| {
             // A thread that the system refuses is one fewer; this one works in any case.
             let workers: Vec<_> = (1..threads)
-                .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, || self.work()).ok())
+                .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, one).ok())
                 .collect();
-            total.merge(&self.work());
+            results.push(one());
             for w in workers {
                 match w.join() {
-                    Ok(counters) => total.merge(&counters),
+                    Ok(result) => results.push(result),
                     Err(panic) => std::panic::resume_unwind(panic),
                 }
             }
         });
-        total
+        (results.into_iter())
+            .map(|(counters, result)| {
+                total.merge(&counters);
+                result
+            })
+            .collect()
     }
 
-    fn work(&self) -> Counters {
-        let mut counters = Counters::default();
+    fn work(&self, counters: &mut Counters) {
         let mut wave = Wave::default();
-        let attached = self.textures.attach();
-        let held = self.pages.map(PageStore::hold);
         let mut scratch = Scratch::default();
         let tiles = u64::from(self.buffer.tile_count());
         let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.spp)
             * u64::from(self.film.crop[2] - self.film.crop[0])
             * u64::from(self.film.crop[3] - self.film.crop[1]);
-        let cpu = stats::thread_cpu_seconds();
-        let abandon = AbandonOnPanic(&self.buffer);
+        let _abandon = AbandonOnPanic(&self.buffer);
         // Asked before taking work: whoever holds a later pass of a tile waits for the earlier one.
         'work: while !self.should_stop() {
             let item = self.next.fetch_add(1, Ordering::Relaxed);
@@ -109,7 +138,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             // They were u32 before they were multiplied.
             let tile = self.along[place as usize];
             for pass in work {
-                if !self.tile(tile, pass as u32, &mut wave, &mut scratch, &mut counters) {
+                if !self.tile(tile, pass as u32, &mut wave, &mut scratch, counters) {
                     break 'work;
                 }
                 let samples = scratch.weights.len() as u64;
@@ -124,16 +153,9 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 }
             }
         }
-        drop(abandon);
-        drop(attached);
-        drop(held);
-        if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
-            counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
-        }
-        counters
     }
 
-    fn should_stop(&self) -> bool {
+    pub(super) fn should_stop(&self) -> bool {
         let stop = self.control.cancel.load(Ordering::Relaxed)
             || self.deadline.is_some_and(|limit| self.start.elapsed().as_secs_f64() >= limit);
         if stop {
@@ -152,26 +174,50 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         scratch: &mut Scratch,
         counters: &mut Counters,
     ) -> bool {
-        let [x0, y0, x1, y1] = self.buffer.rectangle(tile);
-        let samples = pass * PASS..((pass + 1) * PASS).min(self.spp);
         scratch.weights.clear();
+        self.start(tile, pass, wave, &mut scratch.weights);
+        if !self.world.run(wave, counters, &|| self.should_stop()) {
+            self.buffer.abandon();
+            return false;
+        }
+        let weights = std::mem::take(&mut scratch.weights);
+        let added = self.sum(tile, pass, wave.radiance.iter().copied(), &weights, scratch, counters);
+        scratch.weights = weights;
+        added
+    }
+
+    /// Adds the camera paths of one pass over one tile to `wave`, and the weights of their samples to `weights`.
+    pub(super) fn start(&self, tile: u32, pass: u32, wave: &mut Wave, weights: &mut Vec<f32>) {
+        let [x0, y0, x1, y1] = self.buffer.rectangle(tile);
         for y in y0..y1 {
             for x in x0..x1 {
                 let key = pixel_key(x, y, self.seed);
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
                 let filter = |u: Vec2| self.filter.sample(u);
-                self.world.start(wave, &mut scratch.weights, (centre, key), samples.clone(), filter);
+                self.world.start(wave, weights, (centre, key), self.samples_of(pass), filter);
             }
         }
-        if !self.world.run(wave, counters, &|| self.should_stop()) {
-            self.buffer.abandon();
-            return false;
-        }
+    }
+
+    fn samples_of(&self, pass: u32) -> Range<u32> {
+        pass * PASS..((pass + 1) * PASS).min(self.spp)
+    }
+
+    /// Sums the samples of one pass over one tile by pixel, and adds them to the film. False when nobody waits for
+    /// them any more.
+    pub(super) fn sum(
+        &self,
+        tile: u32,
+        pass: u32,
+        mut radiance: impl Iterator<Item = Rgb>,
+        weights: &[f32],
+        scratch: &mut Scratch,
+        counters: &mut Counters,
+    ) -> bool {
         scratch.sums.clear();
-        let per_pixel = samples.len();
-        for (radiance, weights) in wave.radiance.chunks(per_pixel).zip(scratch.weights.chunks(per_pixel)) {
+        for weights in weights.chunks(self.samples_of(pass).len()) {
             let mut sum = [0.0f32; 4];
-            for (&l, &w) in radiance.iter().zip(weights) {
+            for (&w, l) in weights.iter().zip(&mut radiance) {
                 let l = self.sensor(l, counters);
                 for (s, v) in sum.iter_mut().zip([l.x * w, l.y * w, l.z * w, w]) {
                     *s += v;
@@ -208,7 +254,7 @@ impl Drop for AbandonOnPanic<'_> {
 
 /// Buffers of a thread that are reused from tile to tile.
 #[derive(Default)]
-struct Scratch {
+pub(super) struct Scratch {
     weights: Vec<f32>,
     sums: Vec<[f32; 4]>,
 }

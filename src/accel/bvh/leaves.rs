@@ -3,6 +3,7 @@
 //! Invariant: of hits at one distance the smallest name counts, whichever leaf comes first.
 
 use super::page;
+use super::part::Part;
 use super::plain::{self, Leaves};
 use super::primitives::Reference;
 use super::query::{Best, Met, Query, Work};
@@ -149,6 +150,7 @@ pub(super) struct NearestOther<'s, 'a, const COUNT: bool> {
     pub(super) instance: u32,
     pub(super) ray: &'s Ray,
     pub(super) query: &'s Query,
+    pub(super) part: Part,
     pub(super) best: &'s mut Best,
     pub(super) work: &'s mut Work,
 }
@@ -157,6 +159,9 @@ impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
     fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
         for r in &self.object.order[start..start + count] {
             let t_max = self.best.hit.t;
+            if !self.part.has(r, self.query) {
+                continue;
+            }
             if r.geometry == PAGE {
                 self.scene.nearest_in_page::<COUNT>(self, r);
                 continue;
@@ -164,7 +169,8 @@ impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
             if r.geometry == INSTANCE {
                 if let Some((object, ray, query)) = self.scene.enter(r.primitive, self.ray, self.query, t_max)
                 {
-                    self.scene.nearest_in::<COUNT>(object, r.primitive, &ray, &query, self.best, self.work);
+                    let (best, work) = (&mut *self.best, &mut *self.work);
+                    self.scene.nearest_in::<COUNT>(object, r.primitive, &ray, &query, Part::ALL, best, work);
                 }
                 continue;
             }
@@ -177,7 +183,7 @@ impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
                 self.best.take(Hit { t, u, v, geometry, primitive, instance: self.instance, place: NONE });
             }
         }
-        self.best.hit.t
+        self.part.until(self.best.hit.t)
     }
 }
 
@@ -186,18 +192,24 @@ pub(super) struct AnyOther<'s, 'a, const COUNT: bool> {
     pub(super) object: &'s Object<'a>,
     pub(super) ray: &'s Ray,
     pub(super) query: &'s Query,
+    pub(super) part: Part,
     pub(super) found: bool,
     pub(super) work: &'s mut Work,
 }
 
 impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
-    fn visit(&mut self, start: usize, count: usize, t_max: f32) -> f32 {
+    fn visit(&mut self, start: usize, count: usize, until: f32) -> f32 {
+        // What is entered in a part may be hit behind it.
+        let t_max = self.ray.t_max;
         for r in &self.object.order[start..start + count] {
+            if !self.part.has(r, self.query) {
+                continue;
+            }
             self.found = if r.geometry == PAGE {
                 self.scene.any_in_page::<COUNT>(self, r, t_max)
             } else if r.geometry == INSTANCE {
                 self.scene.enter(r.primitive, self.ray, self.query, t_max).is_some_and(
-                    |(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, self.work),
+                    |(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, Part::ALL, self.work),
                 )
             } else {
                 meet_custom(self.scene, self.object, r, self.ray, self.query, t_max)
@@ -207,6 +219,6 @@ impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
                 return f32::NEG_INFINITY;
             }
         }
-        t_max
+        until
     }
 }

@@ -10,7 +10,9 @@ mod build;
 mod collapse;
 mod leaves;
 mod memory;
+mod nodes;
 mod page;
+mod part;
 mod plain;
 mod primitives;
 mod query;
@@ -23,6 +25,7 @@ mod triangle;
 mod wide;
 
 pub use build::{BuildSettings, SplitRule};
+pub use nodes::Form;
 pub use page::{MAX_TRIANGLES, PageTree, PageView, cut};
 pub use query::Work;
-pub use scene::{BvhScene, Form};
+pub use scene::BvhScene;

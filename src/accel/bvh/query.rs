@@ -17,7 +17,7 @@
 //! nodes. Boxes of nodes contain it and rounding is monotone, so that no node that holds the nearest
 //! hit begins beyond it.
 
-use crate::accel::{Hit, Ray};
+use crate::accel::{Hit, NONE, Ray};
 use glam::{Vec3, Vec3A};
 
 /// Half a unit in the last place of one.
@@ -104,6 +104,12 @@ impl Query {
         })
     }
 
+    /// The same ray from `t_min` on.
+    #[inline(always)]
+    pub(super) fn starting(&self, t_min: f32) -> Self {
+        Self { t_min, ..*self }
+    }
+
     /// Axes of the ray's frame.
     #[inline(always)]
     pub(super) fn axes(&self) -> [usize; 3] {
@@ -142,6 +148,11 @@ impl Best {
     /// None yet, nearer than `t_max`.
     pub(super) fn before(t_max: f32) -> Self {
         Self { hit: Hit { t: t_max, ..Hit::MISS }, found: false }
+    }
+
+    /// `hit`, or none yet nearer than `t_max`.
+    pub(super) fn after(hit: &Hit, t_max: f32) -> Self {
+        if hit.geometry == NONE { Self::before(t_max) } else { Self { hit: *hit, found: true } }
     }
 
     /// Whether a hit at `t` of the primitive with this name would be nearer.

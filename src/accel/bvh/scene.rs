@@ -4,70 +4,18 @@
 //! geometries.
 
 use super::build::{BuildSettings, build};
-use super::collapse::{into_blocks, widen};
+use super::collapse::into_blocks;
 use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle, Triangles};
 use super::memory::Frozen;
 use super::page::PageView;
-use super::plain::{self, Leaves};
+use super::nodes::{Fma, Form, Nodes, traverse_wide};
+use super::part::Part;
 use super::primitives::{Reference, grown, triangles};
 use super::query::{Best, Met, Query, Work, into_object};
-use super::tree::{Block, MAX_STARTS, Node, Wide};
-#[cfg(target_arch = "x86_64")]
-use super::wide;
-use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, Pages, Ray};
+use super::tree::{Block, MAX_STARTS};
+use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, PageBox, Pages, Ray};
 use crate::error::{Error, Result};
 use glam::{Mat4, Vec3};
-
-/// How a tree is laid out. The answers are the same.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Form {
-    /// Two children a node, any processor.
-    Plain,
-    /// Eight, for x86-64 with AVX2 and FMA.
-    Wide,
-}
-
-impl Form {
-    /// The fastest that this processor runs.
-    #[must_use]
-    pub fn best() -> Self {
-        if has_fma() { Self::Wide } else { Self::Plain }
-    }
-}
-
-/// Whether the processor has all that [`wide::traverse`] and [`plain::traverse_fma`] are compiled for.
-fn has_fma() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::is_x86_feature_detected as has;
-        has!("avx2") && has!("fma") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    false
-}
-
-/// Nodes.
-enum Nodes {
-    Plain(Frozen<Node>),
-    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "wide nodes need AVX2"))]
-    Wide(Frozen<Wide>),
-}
-
-impl Nodes {
-    fn new(nodes: Vec<Node>, form: Form) -> Self {
-        match form {
-            Form::Plain => Self::Plain(Frozen::new(nodes)),
-            Form::Wide => Self::Wide(Frozen::new(widen(&nodes))),
-        }
-    }
-
-    fn bytes(&self) -> usize {
-        match self {
-            Self::Plain(nodes) => nodes.bytes(),
-            Self::Wide(nodes) => nodes.bytes(),
-        }
-    }
-}
 
 /// What one traversal answers: the world's own geometry, or an object's.
 pub(super) struct Object<'a> {
@@ -108,8 +56,7 @@ pub struct BvhScene<'a> {
     pages: Option<&'a dyn Pages>,
     /// Largest coordinate of any tree, without sign.
     reach: f32,
-    /// Whether the processor multiplies and adds at once.
-    fma: bool,
+    fma: Option<Fma>,
 }
 
 impl<'a> BvhScene<'a> {
@@ -125,7 +72,7 @@ impl<'a> BvhScene<'a> {
         pages: Option<&'a dyn Pages>,
         form: Form,
     ) -> Result<Self> {
-        let form = if has_fma() { form } else { Form::Plain };
+        let form = if form == Form::Wide { Form::best() } else { form };
         let objects: Vec<Object<'a>> =
             objects.iter().map(|o| Object::new(o, Vec::new(), custom, form)).collect::<Result<_>>()?;
         let placed: Vec<Placed> = instances.iter().map(|i| Placed::new(i, &objects)).collect();
@@ -138,7 +85,7 @@ impl<'a> BvhScene<'a> {
             .map(|o| o.lo.abs().max(o.hi.abs()).max_element())
             .filter(|r| r.is_finite())
             .fold(0.0, f32::max);
-        Ok(Self { world, objects, instances: placed, custom, pages, reach, fma: has_fma() })
+        Ok(Self { world, objects, instances: placed, custom, pages, reach, fma: Fma::detect() })
     }
 
     /// The nearest hit, counting what it took.
@@ -156,44 +103,51 @@ impl<'a> BvhScene<'a> {
     /// The bytes of the world's triangles' tree.
     #[cfg(test)]
     pub(super) fn world_image(&self) -> Vec<u8> {
-        let nodes: &[u8] = match &self.world.triangles {
-            Nodes::Plain(nodes) => bytemuck::cast_slice(nodes.elements()),
-            Nodes::Wide(nodes) => bytemuck::cast_slice(nodes.elements()),
-        };
-        [nodes, bytemuck::cast_slice(self.world.blocks.elements())].concat()
+        [self.world.triangles.image(), bytemuck::cast_slice(self.world.blocks.elements())].concat()
     }
 
     #[inline(always)]
     fn nearest<const COUNT: bool>(&self, ray: &Ray, work: &mut Work) -> Hit {
         let Some(query) = Query::new(ray, self.reach) else { return Hit::MISS };
         let mut best = Best::before(ray.t_max);
-        self.nearest_in::<COUNT>(&self.world, NONE, ray, &query, &mut best, work);
+        self.nearest_in::<COUNT>(&self.world, NONE, ray, &query, Part::ALL, &mut best, work);
         best.into_hit()
     }
 
     #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "the parts of a query; a record of them costs copies")]
     pub(super) fn nearest_in<const COUNT: bool>(
         &self,
         object: &Object<'a>,
         instance: u32,
         ray: &Ray,
         query: &Query,
+        part: Part,
         best: &mut Best,
         work: &mut Work,
     ) {
-        if !object.blocks.is_empty() {
+        if !object.blocks.is_empty() && part.is_first() {
             let blocks = object.blocks.elements();
             let triangles = Triangles { scene: self, object, blocks, page: None, ray, query };
             let mut leaves = NearestTriangle { triangles, instance, best };
             let t_max = leaves.best.hit.t;
-            self.traverse::<COUNT, true>(&object.triangles, query, t_max, work, &mut leaves);
+            object.triangles.traverse::<COUNT, true>(self.fma, query, t_max, work, &mut leaves);
         }
         if !object.order.is_empty() {
             let mut inner = Work::default();
-            let mut leaves =
-                NearestOther::<COUNT> { scene: self, object, instance, ray, query, best, work: &mut inner };
-            let t_max = leaves.best.hit.t;
-            self.traverse::<COUNT, true>(&object.others, query, t_max, work, &mut leaves);
+            let work_inside = &mut inner;
+            let mut leaves = NearestOther::<COUNT> {
+                scene: self,
+                object,
+                instance,
+                ray,
+                query,
+                part,
+                best,
+                work: work_inside,
+            };
+            let t_max = part.until(leaves.best.hit.t);
+            object.others.traverse::<COUNT, true>(self.fma, &part.of(query), t_max, work, &mut leaves);
             work.nodes += inner.nodes;
             work.leaves += inner.leaves;
         }
@@ -202,7 +156,7 @@ impl<'a> BvhScene<'a> {
     #[inline(always)]
     fn any<const COUNT: bool>(&self, ray: &Ray, work: &mut Work) -> bool {
         let Some(query) = Query::new(ray, self.reach) else { return false };
-        self.any_in::<COUNT>(&self.world, ray, &query, work)
+        self.any_in::<COUNT>(&self.world, ray, &query, Part::ALL, work)
     }
 
     #[inline(always)]
@@ -211,13 +165,14 @@ impl<'a> BvhScene<'a> {
         object: &Object<'a>,
         ray: &Ray,
         query: &Query,
+        part: Part,
         work: &mut Work,
     ) -> bool {
-        if !object.blocks.is_empty() {
+        if !object.blocks.is_empty() && part.is_first() {
             let blocks = object.blocks.elements();
             let triangles = Triangles { scene: self, object, blocks, page: None, ray, query };
             let mut leaves = AnyTriangle { triangles, found: false };
-            self.traverse::<COUNT, false>(&object.triangles, query, ray.t_max, work, &mut leaves);
+            object.triangles.traverse::<COUNT, false>(self.fma, query, ray.t_max, work, &mut leaves);
             if leaves.found {
                 return true;
             }
@@ -227,38 +182,13 @@ impl<'a> BvhScene<'a> {
         }
         let mut inner = Work::default();
         let mut leaves =
-            AnyOther::<COUNT> { scene: self, object, ray, query, found: false, work: &mut inner };
-        self.traverse::<COUNT, false>(&object.others, query, ray.t_max, work, &mut leaves);
+            AnyOther::<COUNT> { scene: self, object, ray, query, part, found: false, work: &mut inner };
+        let t_max = part.until(ray.t_max);
+        object.others.traverse::<COUNT, false>(self.fma, &part.of(query), t_max, work, &mut leaves);
         let found = leaves.found;
         work.nodes += inner.nodes;
         work.leaves += inner.leaves;
         found
-    }
-
-    #[inline(always)]
-    fn traverse<const COUNT: bool, const ORDERED: bool>(
-        &self,
-        nodes: &Nodes,
-        query: &Query,
-        t_max: f32,
-        work: &mut Work,
-        leaves: &mut impl Leaves,
-    ) {
-        match nodes {
-            #[cfg(target_arch = "x86_64")]
-            Nodes::Wide(nodes) => {
-                // SAFETY: wide nodes are made only where `has_fma` has found every feature.
-                unsafe { wide::traverse::<COUNT, ORDERED>(nodes.elements(), query, t_max, work, leaves) }
-            }
-            #[cfg(target_arch = "x86_64")]
-            Nodes::Plain(nodes) if self.fma => {
-                // SAFETY: `has_fma` has found every feature.
-                unsafe { plain::traverse_fma::<COUNT>(nodes.elements(), query, t_max, work, leaves) }
-            }
-            Nodes::Plain(nodes) => plain::traverse::<COUNT>(nodes.elements(), query, t_max, work, leaves),
-            #[cfg(not(target_arch = "x86_64"))]
-            Nodes::Wide(_) => unreachable!("wide nodes are made for AVX2 alone"),
-        }
     }
 
     /// Looks into the page `r`, if the ray enters its box nearer than the best hit.
@@ -279,7 +209,7 @@ impl<'a> BvhScene<'a> {
             let triangles =
                 Triangles { scene: self, object, blocks: view.blocks, page: Some(page), ray, query };
             let mut inner = NearestTriangle { triangles, instance: *instance, best };
-            self.traverse_wide::<COUNT, true>(view.nodes, query, t_max, work, &mut inner);
+            traverse_wide::<COUNT, true>(self.fma, view.nodes, query, t_max, work, &mut inner);
         });
     }
 
@@ -302,27 +232,10 @@ impl<'a> BvhScene<'a> {
             let triangles =
                 Triangles { scene: self, object, blocks: view.blocks, page: Some(page), ray, query };
             let mut inner = AnyTriangle { triangles, found: false };
-            self.traverse_wide::<COUNT, false>(view.nodes, query, t_max, work, &mut inner);
+            traverse_wide::<COUNT, false>(self.fma, view.nodes, query, t_max, work, &mut inner);
             found = inner.found;
         });
         found
-    }
-
-    #[inline(always)]
-    fn traverse_wide<const COUNT: bool, const ORDERED: bool>(
-        &self,
-        nodes: &[Wide],
-        query: &Query,
-        t_max: f32,
-        work: &mut Work,
-        leaves: &mut impl Leaves,
-    ) {
-        #[cfg(target_arch = "x86_64")]
-        if self.fma {
-            // SAFETY: `has_fma` has found every feature.
-            return unsafe { wide::traverse::<COUNT, ORDERED>(nodes, query, t_max, work, leaves) };
-        }
-        plain::traverse_wide::<COUNT>(nodes, query, t_max, work, leaves);
     }
 
     /// An instance, the ray in its space and where that enters its box.
@@ -455,6 +368,37 @@ impl Accel for BvhScene<'_> {
 
     fn occluded(&self, ray: &Ray) -> bool {
         self.any::<false>(ray, &mut Work::default())
+    }
+
+    fn closest_part(&self, ray: &Ray, from: f32, to: f32, so_far: &Hit) -> Hit {
+        let Some(query) = Query::new(ray, self.reach) else { return Hit::MISS };
+        let (mut best, mut work) = (Best::after(so_far, ray.t_max), Work::default());
+        self.nearest_in::<false>(&self.world, NONE, ray, &query, Part { from, to }, &mut best, &mut work);
+        best.into_hit()
+    }
+
+    fn occluded_part(&self, ray: &Ray, from: f32, to: f32) -> bool {
+        let Some(query) = Query::new(ray, self.reach) else { return false };
+        self.any_in::<false>(&self.world, ray, &query, Part { from, to }, &mut Work::default())
+    }
+
+    fn pages(&self) -> Vec<PageBox> {
+        let pages_of = |object: u32| {
+            let count = self.objects.get(object as usize).map_or(0, |o| o.pages.len());
+            u32::try_from(count).unwrap_or(u32::MAX)
+        };
+        (self.world.order.iter())
+            .map(|r| {
+                let (lo, hi) = r.corners();
+                let pages = match r.geometry {
+                    PAGE => 1,
+                    INSTANCE => pages_of(self.instances[r.primitive as usize].object),
+                    _ => 0,
+                };
+                PageBox { lo: lo.into(), hi: hi.into(), pages }
+            })
+            .filter(|b| b.pages > 0)
+            .collect()
     }
 
     fn bytes(&self) -> u64 {

@@ -210,6 +210,49 @@ fn instances_and_primitives_of_their_own_are_found_in_both_forms() {
     assert!(seen.iter().all(|&n| n > 100), "kinds of hits: {seen:?}");
 }
 
+/// Asked part by part, cut anywhere, the answer is that of the whole ray, to the bit.
+#[test]
+fn parts_of_a_ray_give_what_the_whole_gives() {
+    let spheres = Spheres { radius: 0.4 };
+    let soup = soup(200, 6);
+    let mut random = Random(17);
+    let instances: Vec<InstanceOf> = (0..200)
+        .map(|_| {
+            let Vec3 { x, y, z } = random.point() * 4.0;
+            InstanceOf {
+                object: 0,
+                transform: [0.3, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.3, x, y, z],
+            }
+        })
+        .collect();
+    let world = [Geometry::Custom { count: 5, user: 1, alpha: false }, soup.geometry()];
+    let object = vec![soup.geometry()];
+    for form in [Form::Plain, Form::Wide] {
+        let scene =
+            BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, None, form).expect("few");
+        let mut late = 0;
+        for ray in rays(&soup, 20_000, 18) {
+            let mut cuts: Vec<f32> = (0..4).map(|_| random.signed().abs() * 8.0).collect();
+            // Not in order, as rounding may leave them.
+            cuts.push(f32::INFINITY);
+            let (mut from, mut hit, mut occluded) = (f32::NEG_INFINITY, Hit::MISS, false);
+            for &to in &cuts {
+                hit = scene.closest_part(&ray, from, to, &hit);
+                occluded |= scene.occluded_part(&ray, from, to);
+                if hit.t < to {
+                    break;
+                }
+                late += u32::from(hit.geometry != NONE);
+                from = to;
+            }
+            let truth = scene.closest(&ray);
+            assert_eq!(bits(&hit), bits(&truth), "{ray:?} at {cuts:?}: {hit:?} {truth:?}");
+            assert_eq!(occluded, truth.geometry != NONE, "{ray:?} at {cuts:?}");
+        }
+        assert!(late > 100, "{late} rays met something before its part began");
+    }
+}
+
 #[test]
 fn the_tree_does_not_depend_on_the_number_of_threads() {
     let soup = soup(60_000, 9);

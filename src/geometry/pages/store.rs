@@ -82,6 +82,30 @@ impl PageStore {
         (self.files.len() * self.page_bytes) as u64
     }
 
+    /// Bytes of one page.
+    #[must_use]
+    pub fn page_bytes(&self) -> u64 {
+        self.page_bytes as u64
+    }
+
+    /// Bytes that pages may take.
+    #[must_use]
+    pub fn budget(&self) -> u64 {
+        self.cache().budget()
+    }
+
+    /// Pages that memory holds.
+    #[must_use]
+    pub fn room(&self) -> u64 {
+        self.budget() / self.page_bytes()
+    }
+
+    /// Pages read so far.
+    #[must_use]
+    pub fn reads(&self) -> u64 {
+        self.cache().reads()
+    }
+
     /// Least bytes that `threads` threads can work with.
     #[must_use]
     pub fn least(&self, threads: usize) -> u64 {

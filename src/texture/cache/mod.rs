@@ -173,6 +173,12 @@ impl TileCache {
         self.budget
     }
 
+    /// Tiles read so far.
+    #[must_use]
+    pub fn reads(&self) -> u64 {
+        self.clock.load(Ordering::Relaxed)
+    }
+
     /// Whether no tile ever has to go to make room for another.
     #[must_use]
     pub fn fits_all(&self) -> bool {
