@@ -3,11 +3,11 @@
 //! Invariant: the picture depends on the scene, the settings and the seed, never on the number of
 //! threads or on which of them was faster.
 
-mod batches;
 mod frame;
 mod job;
 mod load;
 pub(crate) mod stage;
+mod stream;
 
 use crate::error::Result;
 use crate::film::Image;

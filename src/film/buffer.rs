@@ -100,6 +100,12 @@ impl FilmBuffer {
         }
     }
 
+    /// Passes that have been added to tile `i`.
+    #[must_use]
+    pub fn passes(&self, i: u32) -> u32 {
+        self.tiles[i as usize].lock().expect("no thread panics while it adds").passes
+    }
+
     /// Says that some pass will not come.
     pub fn abandon(&self) {
         self.abandoned.store(true, Ordering::Relaxed);

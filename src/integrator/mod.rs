@@ -1,11 +1,10 @@
 //! Turns hits into radiance and new rays. Never waits for I/O, never asks which scheduler called.
 
-pub mod batch;
-mod blocks;
 pub mod bsdf;
 pub mod camera;
 pub mod cone;
 mod draws;
+pub mod flight;
 pub mod light;
 pub mod lights;
 pub mod lights_build;

@@ -122,6 +122,9 @@ pub struct Wave {
     pub(super) shadows: Vec<Shadow>,
     /// Radiance by slot.
     pub radiance: Vec<Rgb>,
+    /// What light samples have brought of it, until the end. A sum of its own, so that schedules in which light samples
+    /// come back late add alike.
+    direct: Vec<Rgb>,
 }
 
 /// Whether the processor has all that [`World::run_avx2`] is compiled for.
@@ -226,6 +229,8 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
         let count = wave.paths.len();
         wave.radiance.clear();
         wave.radiance.resize(count, Rgb::ZERO);
+        wave.direct.clear();
+        wave.direct.resize(count, Rgb::ZERO);
         wave.hits.resize(count, Hit::MISS);
         for depth in 0..=self.max_depth {
             if wave.paths.is_empty() {
@@ -244,6 +249,9 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
             self.connect(wave, counters);
         }
         wave.paths.clear();
+        for (radiance, direct) in wave.radiance.iter_mut().zip(&wave.direct) {
+            *radiance += *direct;
+        }
         true
     }
 
@@ -274,7 +282,7 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
             } else {
                 Rgb::ONE
             };
-            wave.radiance[shadow.slot as usize] += shadow.contribution * transmitted;
+            wave.direct[shadow.slot as usize] += shadow.contribution * transmitted;
         }
     }
 

@@ -27,7 +27,7 @@ impl<A: Accel + ?Sized> World<'_, A> {
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
     #[inline(always)]
     pub(super) fn shade(&self, wave: &mut Wave, depth: u32) {
-        let Wave { paths, hits, shadows, radiance } = wave;
+        let Wave { paths, hits, shadows, radiance, .. } = wave;
         let hits = &hits[..paths.len()];
         shadows.clear();
         self.materials.textures().store().set_depth(depth);

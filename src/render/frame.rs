@@ -3,9 +3,9 @@
 //! Invariant: what is timed as one phase has ended before the next begins.
 //! Never traces a ray itself.
 
-use super::batches::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
 use super::job::{Job, Order};
 use super::load::open_pages;
+use super::stream::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
 use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Builder, Pages};
@@ -67,7 +67,7 @@ pub(super) fn render(
     };
     let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
     if waiting.is_some() {
-        check_ray_memory(ray_memory, spp)?;
+        check_ray_memory(ray_memory)?;
     }
     let job = Job {
         world: &world,
@@ -94,7 +94,7 @@ pub(super) fn render(
     };
     let (counters, scheduler) = match &waiting {
         None => (job.run(threads), SchedulerStats::default()),
-        Some(waiting) => job.run_in_batches(threads, waiting, ray_memory),
+        Some(waiting) => job.run_in_queues(threads, waiting, ray_memory),
     };
     let render_s = job.start.elapsed().as_secs_f64();
 

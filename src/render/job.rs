@@ -120,9 +120,6 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let mut scratch = Scratch::default();
         let tiles = u64::from(self.buffer.tile_count());
         let passes = u64::from(self.spp.div_ceil(PASS));
-        let total = u64::from(self.spp)
-            * u64::from(self.film.crop[2] - self.film.crop[0])
-            * u64::from(self.film.crop[3] - self.film.crop[1]);
         let _abandon = AbandonOnPanic(&self.buffer);
         // Asked before taking work: whoever holds a later pass of a tile waits for the earlier one.
         'work: while !self.should_stop() {
@@ -141,16 +138,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 if !self.tile(tile, pass as u32, &mut wave, &mut scratch, counters) {
                     break 'work;
                 }
-                let samples = scratch.weights.len() as u64;
-                counters.samples += samples;
-                if self.first_pixel.get().is_none() {
-                    let _ = self.first_pixel.set(Instant::now());
-                }
-                let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
-                // A few times a second at most.
-                if done >> 16 != (done - samples) >> 16 {
-                    (self.control.progress)(Progress::Samples { done, total });
-                }
+                self.count_samples(scratch.weights.len() as u64, counters);
             }
         }
     }
@@ -181,9 +169,9 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             return false;
         }
         let weights = std::mem::take(&mut scratch.weights);
-        let added = self.sum(tile, pass, wave.radiance.iter().copied(), &weights, scratch, counters);
+        self.sum(pass, wave.radiance.iter().copied(), &weights, scratch, counters);
         scratch.weights = weights;
-        added
+        self.buffer.add(tile, pass, &scratch.sums)
     }
 
     /// Adds the camera paths of one pass over one tile to `wave`, and the weights of their samples to `weights`.
@@ -203,17 +191,15 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         pass * PASS..((pass + 1) * PASS).min(self.spp)
     }
 
-    /// Sums the samples of one pass over one tile by pixel, and adds them to the film. False when nobody waits for
-    /// them any more.
+    /// Sums the samples of one pass over one tile by pixel.
     pub(super) fn sum(
         &self,
-        tile: u32,
         pass: u32,
         mut radiance: impl Iterator<Item = Rgb>,
         weights: &[f32],
         scratch: &mut Scratch,
         counters: &mut Counters,
-    ) -> bool {
+    ) {
         scratch.sums.clear();
         for weights in weights.chunks(self.samples_of(pass).len()) {
             let mut sum = [0.0f32; 4];
@@ -225,7 +211,6 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             }
             scratch.sums.push(sum);
         }
-        self.buffer.add(tile, pass, &scratch.sums)
     }
 
     /// Exposure and the bound on a sample's components; what is not finite is counted and black.
@@ -257,4 +242,10 @@ impl Drop for AbandonOnPanic<'_> {
 pub(super) struct Scratch {
     weights: Vec<f32>,
     sums: Vec<[f32; 4]>,
+}
+
+impl Scratch {
+    pub(super) fn into_sums(self) -> Vec<[f32; 4]> {
+        self.sums
+    }
 }

@@ -1,74 +1,61 @@
-//! Decides which rays run next. A ray is a name here: whoever made it says what it is when it is traced, and takes
-//! what it met.
+//! Decides which rays run next, where rays wait: each in the queue of the voxel whose geometry it needs next, until
+//! that is the voxel to run (Pharr et al. 1997). Without voxels there is one queue, whose rays are sorted (Eisenacher
+//! et al. 2013).
 //!
-//! Invariant: every ray is answered once, and what it met does not depend on when or in which parts it was traced
+//! A ray travels by value, with whatever its owner gives it to carry; nothing else knows where it is.
+//!
+//! Invariant: every ray is answered once, and what it meets does not depend on when or in which parts it is traced
 //! ([`Accel::closest_part`](crate::accel::Accel::closest_part)); so no decision here can change a picture.
 //! Never knows a path, a material or a pixel.
 
+mod bag;
 mod grid;
-mod sorted;
+mod ledger;
+mod order;
+mod queues;
 #[cfg(test)]
 mod tests;
-mod voxel;
 
 pub use grid::Grid;
-pub use sorted::Sorted;
-pub use voxel::{Ledger, QUEUE_BYTES, Residency, Voxels};
+pub use ledger::{Ledger, Residency};
+pub use order::Order;
+pub use queues::{Limits, Queues};
 
-use crate::accel::{Accel, Hit, Ray};
-use std::ops::Range;
+use crate::accel::{Hit, Ray};
 
-/// In a ray's name: it only asks whether anything is in its way.
-pub const TEST: u32 = 1 << 31;
-
-/// Names that can be given to rays of either kind.
-pub const MOST_RAYS: u32 = TEST;
-
-/// Rays by their names.
-pub trait Rays: Sync {
-    /// The ray called `name`.
-    fn ray(&self, name: u32) -> Ray;
+/// Something that carries a ray.
+pub trait Traveller: Copy + Send {
+    /// The ray.
+    fn ray(&self) -> Ray;
 }
 
-/// Takes answers. Each thread has its own.
-pub trait Sink {
-    /// What the ray `name` met.
-    fn hit(&mut self, name: u32, hit: Hit);
-    /// Whether anything is in the way of the ray `name` (without [`TEST`]).
-    fn seen(&mut self, name: u32, occluded: bool);
-    /// What was met so far lies together, and what comes next lies elsewhere.
-    fn settle(&mut self);
+/// Rays that have not been traced: those that look for what is nearest, and those that ask whether anything is in their
+/// way.
+#[derive(Debug)]
+pub struct Fresh<P, T> {
+    /// Nearest.
+    pub paths: Vec<P>,
+    /// Any.
+    pub tests: Vec<T>,
 }
 
-/// Traces all rays of `requests`; called by every thread that takes part. What is on its way when `stop` says so is
-/// not answered.
-pub trait Schedule: Sync {
-    /// Works until every ray is answered.
-    fn work<A: Accel + ?Sized>(
-        &self,
-        accel: &A,
-        rays: &impl Rays,
-        requests: &Requests<'_>,
-        sink: &mut impl Sink,
-        stop: &(dyn Fn() -> bool + Sync),
-    );
-}
-
-/// Names of rays to trace, handed out range by range.
-pub struct Requests<'r> {
-    ranges: &'r [Range<u32>],
-    next: std::sync::atomic::AtomicUsize,
-}
-
-impl<'r> Requests<'r> {
-    /// All of `ranges`.
-    #[must_use]
-    pub fn new(ranges: &'r [Range<u32>]) -> Self {
-        Self { ranges, next: std::sync::atomic::AtomicUsize::new(0) }
+impl<P, T> Default for Fresh<P, T> {
+    fn default() -> Self {
+        Self { paths: Vec::new(), tests: Vec::new() }
     }
+}
 
-    fn take(&self) -> Option<Range<u32>> {
-        let i = self.next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        self.ranges.get(i).cloned()
-    }
+/// Takes answers, and gives new rays for them. Each thread has its own.
+pub trait Sink<P, T> {
+    /// Adds some of the rays that all begins with; false when there are none left.
+    fn begin(&mut self, fresh: &mut Fresh<P, T>) -> bool;
+    /// What a path met.
+    fn hit(&mut self, path: P, hit: Hit, fresh: &mut Fresh<P, T>);
+    /// Whether anything was in the way of a test.
+    fn seen(&mut self, test: T, occluded: bool);
+    /// What was met so far lies together, and what comes next lies elsewhere: works on it, if it is worth while or if
+    /// it must `all` be done. Whether there was anything.
+    fn settle(&mut self, all: bool, fresh: &mut Fresh<P, T>) -> bool;
+    /// Bytes that all sinks hold.
+    fn bytes(&self) -> usize;
 }

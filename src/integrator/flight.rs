@@ -1,0 +1,356 @@
+//! Paths in flight: records that wait in a scheduler's queues, and the sums that their light goes to.
+//!
+//! A path's own ray and its light samples travel apart and come back in any order. So that the picture does not depend
+//! on it, a sample has two sums: of what its path runs into, which comes in the order of its vertices, since each
+//! follows from the one before; and of what light samples bring, which is added in that order too: what comes early is
+//! put aside. `path.rs` adds the same terms in the same order.
+//!
+//! Never decides which ray is traced next.
+
+use super::path::{Path, Shadow, Wave, World};
+use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::color::Rgb;
+use crate::schedule::{Fresh, Sink, Traveller};
+use crate::stats::Counters;
+use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Hits that are sorted and shaded together.
+const GATHERED: usize = 1 << 13;
+/// Hits that are worth being shaded when what comes next lies elsewhere.
+const WORTH: usize = 1 << 8;
+/// Paths that are shaded at once: they and what they need stay in the second-level cache.
+const WAVE: usize = 1 << 10;
+
+/// Bits of a slot that say which sample of its unit it is.
+const SAMPLE_BITS: u32 = 10;
+/// Samples of a unit at most.
+pub const UNIT: usize = 1 << SAMPLE_BITS;
+/// Units that slots can name.
+pub const MOST_UNITS: u32 = 1 << (32 - SAMPLE_BITS);
+
+/// Bytes of a unit's sums.
+const SUM_BYTES: usize = UNIT * (2 * size_of::<Rgb>() + size_of::<f32>() + 2 * size_of::<u16>());
+
+/// Bytes that a unit takes at most, if no more light samples wait than paths do.
+pub const UNIT_BYTES: usize = SUM_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
+
+/// A path and how many scattering events it has had.
+#[derive(Clone, Copy, Debug)]
+pub struct Flight {
+    path: Path,
+    depth: u32,
+}
+
+/// A ray that asks whether light comes through.
+#[derive(Clone, Copy, Debug)]
+pub struct Probe {
+    shadow: Shadow,
+    /// Which of its sample's light samples it is, modulo 2¹⁶; [`SKY`] for the path's last ray, which asks for the sky.
+    order: u32,
+}
+
+/// See [`Probe::order`].
+const SKY: u32 = u32::MAX;
+
+impl Traveller for Flight {
+    #[inline(always)]
+    fn ray(&self) -> Ray {
+        Ray::new(self.path.origin, self.path.direction)
+    }
+}
+
+impl Traveller for Probe {
+    #[inline(always)]
+    fn ray(&self) -> Ray {
+        self.shadow.ray
+    }
+}
+
+/// Where samples come from and go to; units are counted from zero.
+pub trait Film: Sync {
+    /// Adds the camera paths of `unit` to `wave`, and the weights of their samples to `weights`: [`UNIT`] at most.
+    fn start(&self, unit: u32, wave: &mut Wave, weights: &mut Vec<f32>);
+    /// Takes the radiance of all samples of `unit`.
+    fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters);
+}
+
+/// The sums of a unit.
+struct Unit {
+    /// What paths run into, by sample.
+    met: Vec<Rgb>,
+    /// What light samples bring.
+    direct: Vec<Rgb>,
+    weights: Vec<f32>,
+    /// Light samples that have set out and those that have been added, modulo 2¹⁶.
+    sent: Vec<u16>,
+    added: Vec<u16>,
+    /// Light samples that came before their turn.
+    early: Vec<(u32, u16, Rgb)>,
+    /// Rays on their way.
+    rays: u32,
+}
+
+impl Unit {
+    fn new(weights: Vec<f32>) -> Self {
+        let n = weights.len();
+        Self {
+            met: vec![Rgb::ZERO; n],
+            direct: vec![Rgb::ZERO; n],
+            weights,
+            sent: vec![0; n],
+            added: vec![0; n],
+            early: Vec::new(),
+            rays: n as u32,
+        }
+    }
+
+    /// Adds what light sample `order` of `sample` brings, when those before it have been added.
+    fn add(&mut self, sample: u32, order: u16, light: Rgb) {
+        let i = sample as usize;
+        if self.added[i] != order {
+            self.early.push((sample, order, light));
+            return;
+        }
+        self.direct[i] += light;
+        self.added[i] = order.wrapping_add(1);
+        while let Some(at) = self.early.iter().position(|e| e.0 == sample && e.1 == self.added[i]) {
+            self.direct[i] += self.early.swap_remove(at).2;
+            self.added[i] = self.added[i].wrapping_add(1);
+        }
+    }
+}
+
+/// All units of a render, or of a part of it.
+pub struct Units {
+    units: Vec<Mutex<Option<Box<Unit>>>>,
+    next: AtomicU32,
+    /// Units on their way, and the most that have been.
+    active: AtomicUsize,
+    peak_paths: AtomicUsize,
+    paths: AtomicUsize,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Units {
+    /// `count` units, at most [`MOST_UNITS`].
+    #[must_use]
+    pub fn new(count: u32) -> Self {
+        Self {
+            units: (0..count).map(|_| Mutex::new(None)).collect(),
+            next: AtomicU32::new(0),
+            active: AtomicUsize::new(0),
+            peak_paths: AtomicUsize::new(0),
+            paths: AtomicUsize::new(0),
+        }
+    }
+
+    /// Most paths that were in flight at once.
+    #[must_use]
+    pub fn peak_paths(&self) -> u64 {
+        self.peak_paths.load(Ordering::Relaxed) as u64
+    }
+}
+
+/// Shades what rays meet; a thread's end of a scheduler's queues.
+pub struct Shader<'b, 'a, A: ?Sized> {
+    world: &'b World<'a, A>,
+    units: &'b Units,
+    film: &'b dyn Film,
+    met: Vec<(Flight, Hit)>,
+    /// Keys of `met` and places in it, to be sorted.
+    order: Vec<(u64, u32)>,
+    wave: Wave,
+    slots: Vec<u32>,
+    counters: &'b mut Counters,
+}
+
+impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
+    /// For one thread.
+    pub fn new(
+        world: &'b World<'a, A>,
+        units: &'b Units,
+        film: &'b dyn Film,
+        counters: &'b mut Counters,
+    ) -> Self {
+        let (met, order) = (Vec::with_capacity(GATHERED), Vec::with_capacity(GATHERED));
+        Self { world, units, film, met, order, wave: Wave::default(), slots: Vec::new(), counters }
+    }
+
+    /// Shades what was met, in the order of depths, surfaces and places on them.
+    fn shade(&mut self, fresh: &mut Fresh<Flight, Probe>) {
+        self.order.clear();
+        let key = |(flight, hit): &(Flight, Hit)| {
+            // Where geometry comes and goes, by page; else by triangle, whose neighbours have similar numbers.
+            let place = if hit.place == NONE { hit.primitive } else { hit.place };
+            u64::from(flight.depth.min(255)) << 56 | u64::from(hit.geometry & 0xff_ffff) << 32 | u64::from(place)
+        };
+        self.order.extend(self.met.iter().zip(0u32..).map(|(met, i)| (key(met), i)));
+        self.order.sort_unstable();
+        let order = std::mem::take(&mut self.order);
+        let mut rest = &order[..];
+        while let Some(&(_, first)) = rest.first() {
+            let depth_of = |i: u32| self.met[i as usize].0.depth;
+            let depth = depth_of(first);
+            let count = rest.iter().take(WAVE).take_while(|&&(_, i)| depth_of(i) == depth).count();
+            let (wave, others) = rest.split_at(count);
+            rest = others;
+            self.shade_wave(wave, depth, fresh);
+        }
+        self.order = order;
+        self.met.clear();
+    }
+
+    fn shade_wave(&mut self, order: &[(u64, u32)], depth: u32, fresh: &mut Fresh<Flight, Probe>) {
+        let Self { world, units, wave, slots, met, counters, film, .. } = self;
+        slots.clear();
+        wave.paths.clear();
+        wave.hits.clear();
+        for (&(_, i), local) in order.iter().zip(0u32..) {
+            let (Flight { path, .. }, mut hit) = met[i as usize];
+            slots.push(path.slot);
+            let mut path = Path { slot: local, ..path };
+            if world.has_interfaces {
+                world.pass_interfaces(&mut path, &mut hit, counters);
+            }
+            wave.paths.push(path);
+            wave.hits.push(hit);
+        }
+        wave.radiance.clear();
+        wave.radiance.resize(slots.len(), Rgb::ZERO);
+        world.shade_wave(wave, depth);
+
+        // Of each path: whether it goes on, and its light sample. Both lists keep the order of paths.
+        let last = depth + 1 == world.max_depth && !world.has_interfaces;
+        let (mut paths, mut shadows) = (wave.paths.iter().peekable(), wave.shadows.iter().peekable());
+        let mut ended = 0;
+        for ((&slot, &found), local) in slots.iter().zip(&wave.radiance).zip(0u32..) {
+            let (unit, sample) = (slot >> SAMPLE_BITS, slot % UNIT as u32);
+            let mut place = lock(&units.units[unit as usize]);
+            let sums = place.as_mut().expect("a unit stays until its last ray is back");
+            sums.rays -= 1;
+            sums.met[sample as usize] += found;
+            if let Some(shadow) = shadows.next_if(|s| s.slot == local) {
+                let mut shadow = Shadow { slot, ..*shadow };
+                let order = sums.sent[sample as usize];
+                sums.sent[sample as usize] = order.wrapping_add(1);
+                counters.occluded += 1;
+                if world.has_interfaces || shadow.medium != NONE {
+                    shadow.contribution *= world.transmitted(&shadow, counters);
+                    sums.add(sample, order, shadow.contribution);
+                } else {
+                    sums.rays += 1;
+                    fresh.tests.push(Probe { shadow, order: order.into() });
+                }
+            }
+            if let Some(path) = paths.next_if(|p| p.slot == local) {
+                let path = Path { slot, ..*path };
+                if !last || world.may_emit(&path, counters) {
+                    counters.closest += 1;
+                    sums.rays += 1;
+                    fresh.paths.push(Flight { path, depth: depth + 1 });
+                } else {
+                    ended += 1;
+                    if world.lights.has_background() {
+                        // The last ray of a path can only find emission (`World::last_step`).
+                        let mut contribution = Rgb::ZERO;
+                        world.add_background(&path, &mut contribution);
+                        let ray = Ray::new(path.origin, path.direction);
+                        counters.occluded += 1;
+                        sums.rays += 1;
+                        let shadow = Shadow { ray, contribution, slot, medium: NONE };
+                        fresh.tests.push(Probe { shadow, order: SKY });
+                    }
+                }
+            } else {
+                ended += 1;
+            }
+            if sums.rays == 0 {
+                units.finish(unit, place.take(), *film, counters);
+            }
+        }
+        units.paths.fetch_sub(ended, Ordering::Relaxed);
+    }
+}
+
+impl Units {
+    fn finish(&self, unit: u32, sums: Option<Box<Unit>>, film: &dyn Film, counters: &mut Counters) {
+        let Some(mut sums) = sums else { return };
+        for (met, direct) in sums.met.iter_mut().zip(&sums.direct) {
+            *met += *direct;
+        }
+        film.finish(unit, &sums.met, &sums.weights, counters);
+        self.active.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
+    fn begin(&mut self, fresh: &mut Fresh<Flight, Probe>) -> bool {
+        let count = self.units.units.len() as u32;
+        let taken = self.units.next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |next| {
+            (next < count).then_some(next + 1)
+        });
+        let Ok(unit) = taken else { return false };
+        let mut weights = Vec::with_capacity(UNIT);
+        self.wave.paths.clear();
+        self.film.start(unit, &mut self.wave, &mut weights);
+        let paths = self.wave.paths.len();
+        self.counters.closest += paths as u64;
+        self.units.active.fetch_add(1, Ordering::Relaxed);
+        let now = self.units.paths.fetch_add(paths, Ordering::Relaxed) + paths;
+        self.units.peak_paths.fetch_max(now, Ordering::Relaxed);
+        *lock(&self.units.units[unit as usize]) = Some(Box::new(Unit::new(weights)));
+        let flights = self.wave.paths.drain(..).map(|path| {
+            let slot = unit << SAMPLE_BITS | path.slot;
+            Flight { path: Path { slot, ..path }, depth: 0 }
+        });
+        fresh.paths.extend(flights);
+        true
+    }
+
+    #[inline(always)]
+    fn hit(&mut self, path: Flight, hit: Hit, fresh: &mut Fresh<Flight, Probe>) {
+        self.met.push((path, hit));
+        if self.met.len() == GATHERED {
+            self.shade(fresh);
+        }
+    }
+
+    #[inline(always)]
+    fn seen(&mut self, probe: Probe, occluded: bool) {
+        let Probe { shadow, order } = probe;
+        let (unit, sample) = (shadow.slot >> SAMPLE_BITS, shadow.slot % UNIT as u32);
+        let mut place = lock(&self.units.units[unit as usize]);
+        let sums = place.as_mut().expect("a unit stays until its last ray is back");
+        if order == SKY {
+            if !occluded {
+                sums.met[sample as usize] += shadow.contribution;
+            }
+        } else {
+            // Not left out where something is in the way: what is infinite shows in every schedule.
+            let transmitted = if occluded { Rgb::ZERO } else { Rgb::ONE };
+            sums.add(sample, order as u16, shadow.contribution * transmitted);
+        }
+        sums.rays -= 1;
+        if sums.rays == 0 {
+            self.units.finish(unit, place.take(), self.film, self.counters);
+        }
+    }
+
+    fn settle(&mut self, all: bool, fresh: &mut Fresh<Flight, Probe>) -> bool {
+        let enough = if all { 1 } else { WORTH };
+        let works = self.met.len() >= enough;
+        if works {
+            self.shade(fresh);
+        }
+        works
+    }
+
+    #[inline(always)]
+    fn bytes(&self) -> usize {
+        self.units.active.load(Ordering::Relaxed) * SUM_BYTES
+    }
+}

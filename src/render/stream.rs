@@ -1,0 +1,174 @@
+//! Rendering with rays that wait: camera paths enter while the memory for rays has room, and a scheduler decides which
+//! rays run next.
+//!
+//! Invariant: film tiles get their passes in order, and each sample the same sums as in `job.rs`.
+
+use super::Progress;
+use super::job::{Job, PASS, Scratch};
+use crate::accel::Accel;
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::film::TILE;
+use crate::geometry::pages::PageStore;
+use crate::integrator::flight::{Film, MOST_UNITS, Shader, UNIT, UNIT_BYTES, Units};
+use crate::integrator::path::Wave;
+use crate::schedule::{Grid, Ledger, Limits, Order, Queues, Residency};
+use crate::stats::{Counters, SchedulerStats};
+use std::collections::HashMap;
+use std::sync::atomic::Ordering;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Memory for rays where nobody says how much.
+pub(super) const DEFAULT_RAY_MEMORY: u64 = 256 << 20;
+
+/// Voxels that a budget's worth of pages fills on average.
+const VOXELS_IN_MEMORY: u64 = 16;
+/// Voxels with pages, at least and at most, unless told otherwise.
+const VOXELS: (u64, u64) = (64, 4096);
+
+/// Rays that a thread takes from a voxel's queue at once, some ten milliseconds of work, and from that of all.
+const TAKEN: (usize, usize) = (1 << 13, 1 << 16);
+
+const _: () = assert!((TILE * TILE * PASS) as usize <= UNIT, "a pass over a film tile is a unit");
+
+/// What decides which rays run next.
+pub(super) enum Waiting<'a> {
+    /// One queue.
+    Sorted,
+    /// One for each voxel over `pages`; some `voxels` of them, if that is said.
+    Voxel { pages: &'a PageStore, voxels: Option<u32> },
+}
+
+impl Residency for PageStore {
+    fn reads(&self) -> u64 {
+        Self::reads(self)
+    }
+
+    fn room(&self) -> u64 {
+        Self::room(self)
+    }
+
+    fn page_bytes(&self) -> u64 {
+        Self::page_bytes(self)
+    }
+}
+
+/// Holds a memory for rays against the least that works: a film tile's paths.
+///
+/// # Errors
+/// [`Error::Usage`] when it is too small.
+pub(super) fn check_ray_memory(bytes: u64) -> Result<()> {
+    if bytes < UNIT_BYTES as u64 {
+        return Err(Error::Usage(format!(
+            "a ray memory of {bytes} bytes is too small: --ray-memory {UNIT_BYTES} would do, for the paths of one film tile"
+        )));
+    }
+    Ok(())
+}
+
+/// A part of the film's units, on their way.
+struct Part<'j, 'a, A: ?Sized> {
+    job: &'j Job<'a, A>,
+    first: u64,
+    /// Sums of passes that came before their turn, by tile and pass.
+    early: Mutex<HashMap<(u32, u32), Vec<[f32; 4]>>>,
+}
+
+impl<A: Accel + ?Sized> Film for Part<'_, '_, A> {
+    fn start(&self, unit: u32, wave: &mut Wave, weights: &mut Vec<f32>) {
+        let (tile, pass) = self.job.unit(self.first + u64::from(unit));
+        self.job.start(tile, pass, wave, weights);
+    }
+
+    fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters) {
+        let (tile, pass) = self.job.unit(self.first + u64::from(unit));
+        let mut scratch = Scratch::default();
+        self.job.sum(pass, radiance.iter().copied(), weights, &mut scratch, counters);
+        let buffer = &self.job.buffer;
+        {
+            let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
+            early.insert((tile, pass), scratch.into_sums());
+            let mut pass = buffer.passes(tile);
+            while let Some(sums) = early.remove(&(tile, pass)) {
+                buffer.add(tile, pass, &sums);
+                pass += 1;
+            }
+        }
+        self.job.count_samples(weights.len() as u64, counters);
+    }
+}
+
+impl<A: Accel + ?Sized> Job<'_, A> {
+    /// Renders with rays that wait in at most `ray_memory` bytes.
+    pub(super) fn run_in_queues(
+        &self,
+        threads: usize,
+        waiting: &Waiting<'_>,
+        ray_memory: u64,
+    ) -> (Counters, SchedulerStats) {
+        (self.control.progress)(Progress::Phase("rendering"));
+        let mut counters = Counters::default();
+        let mut stats = SchedulerStats { ray_memory, ..SchedulerStats::default() };
+        let (grid, residency, taken) = match waiting {
+            Waiting::Sorted => (Grid::new(&[], 0), None, TAKEN.1),
+            Waiting::Voxel { pages, voxels } => {
+                let wanted = pages.all_bytes() * VOXELS_IN_MEMORY / pages.budget().max(1);
+                let wanted = voxels.unwrap_or(wanted.clamp(VOXELS.0, VOXELS.1) as u32);
+                let residency: &dyn Residency = *pages;
+                (Grid::new(&self.world.accel.pages(), wanted), Some(residency), TAKEN.0)
+            }
+        };
+        let mut ledger = Ledger::new(&grid, residency);
+        let order = Order::new(self.world.accel.bounds());
+        let bytes = usize::try_from(ray_memory).unwrap_or(usize::MAX);
+        let limits = Limits { bytes, begin_bytes: UNIT_BYTES, taken };
+        let passes = u64::from(self.spp.div_ceil(PASS));
+        let total = u64::from(self.buffer.tile_count()) * passes;
+        let mut first = 0;
+        while first < total && !self.should_stop() {
+            let count = (total - first).min(u64::from(MOST_UNITS)) as u32;
+            let units = Units::new(count);
+            let part = Part { job: self, first, early: Mutex::default() };
+            let queues = Queues::new(&grid, ledger, order, limits);
+            self.crew(threads, &mut counters, |counters| {
+                let mut shader = Shader::new(self.world, &units, &part, counters);
+                queues.work(self.world.accel, &mut shader, &|| self.should_stop());
+            });
+            let peak;
+            (ledger, peak) = queues.finish();
+            stats.ray_memory_peak = stats.ray_memory_peak.max(peak as u64);
+            stats.paths_in_flight_peak = stats.paths_in_flight_peak.max(units.peak_paths());
+            first += u64::from(count);
+            stats.batches += 1;
+        }
+        ledger.report(&mut stats);
+        (counters, stats)
+    }
+
+    /// Which tile and pass unit `i` is.
+    fn unit(&self, i: u64) -> (u32, u32) {
+        let (tiles, passes) = (u64::from(self.buffer.tile_count()), u64::from(self.spp.div_ceil(PASS)));
+        let (place, pass) =
+            if self.deadline.is_some() { (i % tiles, i / tiles) } else { (i / passes, i % passes) };
+        (self.along[place as usize], pass as u32)
+    }
+
+    /// Adds samples that are done, and says so now and then.
+    pub(super) fn count_samples(&self, samples: u64, counters: &mut Counters) {
+        counters.samples += samples;
+        if self.first_pixel.get().is_none() {
+            let _ = self.first_pixel.set(Instant::now());
+        }
+        let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
+        // A few times a second at most.
+        if done >> 16 != (done - samples) >> 16 {
+            (self.control.progress)(Progress::Samples { done, total: self.total_samples() });
+        }
+    }
+
+    fn total_samples(&self) -> u64 {
+        let [x0, y0, x1, y1] = self.film.crop;
+        u64::from(self.spp) * u64::from(x1 - x0) * u64::from(y1 - y0)
+    }
+}

@@ -1,0 +1,131 @@
+//! What voxels have seen, and what that says of the next visit.
+//!
+//! Invariant: decides nothing but time.
+
+use super::Grid;
+use crate::stats::{Decision, SchedulerStats, VoxelStats};
+use std::time::Instant;
+
+/// Seconds to read a byte, and to trace a ray through a voxel: only their ratio matters, and not much.
+const READ_S: f64 = 1.0 / 1.2e9;
+const TRACE_S: f64 = 1e-6;
+
+/// What is known of the pages in memory.
+pub trait Residency: Sync {
+    /// Pages read so far.
+    fn reads(&self) -> u64;
+    /// Pages that memory holds.
+    fn room(&self) -> u64;
+    /// Bytes of a page.
+    fn page_bytes(&self) -> u64;
+}
+
+/// What a voxel has seen in the whole render.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    /// Pages read when it was last visited.
+    reads: Option<u64>,
+    visits: u64,
+    rays: u64,
+}
+
+/// The record of a render.
+pub struct Ledger<'g> {
+    grid: &'g Grid,
+    residency: Option<&'g dyn Residency>,
+    seen: Vec<Seen>,
+    decisions: Vec<Decision>,
+    /// Every how many visits one is kept.
+    every: u64,
+    visits: u64,
+    queued: u64,
+    start: Instant,
+}
+
+impl<'g> Ledger<'g> {
+    /// For `grid`; its time begins now.
+    #[must_use]
+    pub fn new(grid: &'g Grid, residency: Option<&'g dyn Residency>) -> Self {
+        Self {
+            grid,
+            residency,
+            seen: vec![Seen::default(); grid.len()],
+            decisions: Vec::new(),
+            every: 1,
+            visits: 0,
+            queued: 0,
+            start: Instant::now(),
+        }
+    }
+
+    /// Bytes of the pages of `voxel` that are thought to be absent. Pages leave in the order in which they were used
+    /// last, so that a voxel's are gone when a budget's worth of others has been read since its last visit.
+    fn absent(&self, voxel: u32, reads: u64) -> u64 {
+        let Some(residency) = self.residency else { return 0 };
+        let bytes = u64::from(self.grid.pages(voxel)) * residency.page_bytes();
+        match self.seen[voxel as usize].reads {
+            None => bytes,
+            Some(then) => {
+                let gone = reads.saturating_sub(then) as f64 / residency.room().max(1) as f64;
+                (bytes as f64 * gone.min(1.0)) as u64
+            }
+        }
+    }
+
+    /// Of the voxels in which rays wait, `(voxel, how many)`, the one with the most rays for each second that it costs.
+    /// How many rays are served is all that counts: each must be answered before the image is done, so that the weight
+    /// of one says nothing of when it should run.
+    pub(super) fn best(&self, waiting: impl Iterator<Item = (u32, usize)>) -> Option<u32> {
+        let reads = self.residency.map_or(0, Residency::reads);
+        let score = |(voxel, count): (u32, usize)| {
+            let absent = self.absent(voxel, reads) as f64;
+            (count as f64 / (absent * READ_S + count as f64 * TRACE_S), voxel)
+        };
+        waiting.map(score).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, voxel)| voxel)
+    }
+
+    /// Writes down a visit of `voxel` with `count` rays, of `waiting` in all.
+    pub(super) fn visit(&mut self, voxel: u32, count: u64, waiting: u64) {
+        let reads = self.residency.map_or(0, Residency::reads);
+        let cost_bytes = self.absent(voxel, reads);
+        let seen = &mut self.seen[voxel as usize];
+        *seen = Seen { reads: Some(reads), visits: seen.visits + 1, rays: seen.rays + count };
+        self.queued += count;
+        if self.visits.is_multiple_of(self.every) {
+            if self.decisions.len() == SchedulerStats::MOST_DECISIONS {
+                let mut keep = false;
+                self.decisions.retain(|_| {
+                    keep = !keep;
+                    keep
+                });
+                self.every *= 2;
+            }
+            let at_s = self.start.elapsed().as_secs_f64();
+            let voxel = self.grid.place(voxel).to_array();
+            self.decisions.push(Decision { at_s, voxel, rays: count, waiting, cost_bytes });
+        }
+        self.visits += 1;
+    }
+
+    /// Adds what was done to `stats`.
+    pub fn report(&self, stats: &mut SchedulerStats) {
+        let grid = self.grid;
+        let page_bytes = self.residency.map_or(0, Residency::page_bytes);
+        stats.grid = grid.dims();
+        stats.bounds = grid.bounds();
+        stats.voxels = u64::from(grid.filled());
+        stats.voxel_visits = self.visits;
+        stats.rays_queued = self.queued;
+        stats.rays_per_visit = if self.visits > 0 { self.queued as f64 / self.visits as f64 } else { 0.0 };
+        stats.by_voxel = (self.seen.iter().zip(0u32..))
+            .filter(|(seen, _)| seen.visits > 0)
+            .map(|(seen, i)| VoxelStats {
+                at: grid.place(i).to_array(),
+                bytes: u64::from(grid.pages(i)) * page_bytes,
+                visits: seen.visits,
+                rays: seen.rays,
+            })
+            .collect();
+        stats.decisions.clone_from(&self.decisions);
+    }
+}
