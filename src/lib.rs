@@ -11,6 +11,7 @@ pub mod geometry;
 pub mod integrator;
 pub mod math;
 pub mod open;
+pub mod permits;
 pub mod prepare;
 pub mod render;
 pub mod replace;

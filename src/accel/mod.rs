@@ -8,6 +8,7 @@ pub mod embree;
 
 pub use backend::Builder;
 use glam::Vec3;
+use std::ops::Range;
 
 /// "No geometry", "no instance".
 pub const NONE: u32 = u32::MAX;
@@ -119,14 +120,14 @@ pub trait Pages: Sync + Send {
 }
 
 /// A box with pages in it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PageBox {
     /// Least corner, world space.
     pub lo: Vec3,
     /// Greatest corner.
     pub hi: Vec3,
-    /// How many pages.
-    pub pages: u32,
+    /// Names of the pages.
+    pub pages: Range<u32>,
 }
 
 /// One object placed in the world.

@@ -10,13 +10,13 @@
 use super::path::{Path, Shadow, Wave, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::schedule::{Fresh, Sink, Traveller};
+use crate::schedule::{Fresh, Meter, Sink, Traveller};
 use crate::stats::Counters;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Hits that are sorted and shaded together.
-const GATHERED: usize = 1 << 13;
+/// Hits that are sorted and shaded together, at most.
+pub const GATHERED: usize = 1 << 13;
 /// Hits that are worth being shaded when what comes next lies elsewhere.
 const WORTH: usize = 1 << 8;
 /// Paths that are shaded at once: they and what they need stay in the second-level cache.
@@ -30,10 +30,11 @@ pub const UNIT: usize = 1 << SAMPLE_BITS;
 pub const MOST_UNITS: u32 = 1 << (32 - SAMPLE_BITS);
 
 /// Bytes of a unit's sums.
-const SUM_BYTES: usize = UNIT * (2 * size_of::<Rgb>() + size_of::<f32>() + 2 * size_of::<u16>());
+pub const SUM_BYTES: usize = UNIT * (2 * size_of::<Rgb>() + size_of::<f32>() + 2 * size_of::<u16>());
 
 /// Bytes that a unit takes at most, if no more light samples wait than paths do.
-pub const UNIT_BYTES: usize = SUM_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
+pub const UNIT_BYTES: usize =
+    SUM_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
 
 /// A path and how many scattering events it has had.
 #[derive(Clone, Copy, Debug)]
@@ -122,29 +123,30 @@ impl Unit {
 }
 
 /// All units of a render, or of a part of it.
-pub struct Units {
+pub struct Units<'m> {
     units: Vec<Mutex<Option<Box<Unit>>>>,
     next: AtomicU32,
-    /// Units on their way, and the most that have been.
-    active: AtomicUsize,
-    peak_paths: AtomicUsize,
+    /// Gets [`SUM_BYTES`] back for each unit that is done.
+    meter: &'m Meter,
+    /// Paths in flight, and the most that have been.
     paths: AtomicUsize,
+    peak_paths: AtomicUsize,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Units {
+impl<'m> Units<'m> {
     /// `count` units, at most [`MOST_UNITS`].
     #[must_use]
-    pub fn new(count: u32) -> Self {
+    pub fn new(count: u32, meter: &'m Meter) -> Self {
         Self {
             units: (0..count).map(|_| Mutex::new(None)).collect(),
             next: AtomicU32::new(0),
-            active: AtomicUsize::new(0),
-            peak_paths: AtomicUsize::new(0),
+            meter,
             paths: AtomicUsize::new(0),
+            peak_paths: AtomicUsize::new(0),
         }
     }
 
@@ -158,9 +160,11 @@ impl Units {
 /// Shades what rays meet; a thread's end of a scheduler's queues.
 pub struct Shader<'b, 'a, A: ?Sized> {
     world: &'b World<'a, A>,
-    units: &'b Units,
+    units: &'b Units<'b>,
     film: &'b dyn Film,
     met: Vec<(Flight, Hit)>,
+    /// How many are gathered.
+    gathered: usize,
     /// Keys of `met` and places in it, to be sorted.
     order: Vec<(u64, u32)>,
     wave: Wave,
@@ -169,15 +173,19 @@ pub struct Shader<'b, 'a, A: ?Sized> {
 }
 
 impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
-    /// For one thread.
+    /// Bytes of a hit that waits to be shaded.
+    pub const HIT_BYTES: usize = size_of::<(Flight, Hit)>() + size_of::<(u64, u32)>();
+
+    /// For one thread, which gathers `gathered` hits.
     pub fn new(
         world: &'b World<'a, A>,
-        units: &'b Units,
+        units: &'b Units<'b>,
         film: &'b dyn Film,
         counters: &'b mut Counters,
+        gathered: usize,
     ) -> Self {
-        let (met, order) = (Vec::with_capacity(GATHERED), Vec::with_capacity(GATHERED));
-        Self { world, units, film, met, order, wave: Wave::default(), slots: Vec::new(), counters }
+        let (met, order) = (Vec::with_capacity(gathered), Vec::with_capacity(gathered));
+        Self { world, units, film, met, gathered, order, wave: Wave::default(), slots: Vec::new(), counters }
     }
 
     /// Shades what was met, in the order of depths, surfaces and places on them.
@@ -186,7 +194,9 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
         let key = |(flight, hit): &(Flight, Hit)| {
             // Where geometry comes and goes, by page; else by triangle, whose neighbours have similar numbers.
             let place = if hit.place == NONE { hit.primitive } else { hit.place };
-            u64::from(flight.depth.min(255)) << 56 | u64::from(hit.geometry & 0xff_ffff) << 32 | u64::from(place)
+            u64::from(flight.depth.min(255)) << 56
+                | u64::from(hit.geometry & 0xff_ffff) << 32
+                | u64::from(place)
         };
         self.order.extend(self.met.iter().zip(0u32..).map(|(met, i)| (key(met), i)));
         self.order.sort_unstable();
@@ -276,30 +286,30 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
     }
 }
 
-impl Units {
+impl Units<'_> {
     fn finish(&self, unit: u32, sums: Option<Box<Unit>>, film: &dyn Film, counters: &mut Counters) {
         let Some(mut sums) = sums else { return };
         for (met, direct) in sums.met.iter_mut().zip(&sums.direct) {
             *met += *direct;
         }
         film.finish(unit, &sums.met, &sums.weights, counters);
-        self.active.fetch_sub(1, Ordering::Relaxed);
+        self.meter.give(SUM_BYTES);
     }
 }
 
 impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
     fn begin(&mut self, fresh: &mut Fresh<Flight, Probe>) -> bool {
         let count = self.units.units.len() as u32;
-        let taken = self.units.next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |next| {
-            (next < count).then_some(next + 1)
-        });
+        let taken = self
+            .units
+            .next
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |next| (next < count).then_some(next + 1));
         let Ok(unit) = taken else { return false };
         let mut weights = Vec::with_capacity(UNIT);
         self.wave.paths.clear();
         self.film.start(unit, &mut self.wave, &mut weights);
         let paths = self.wave.paths.len();
         self.counters.closest += paths as u64;
-        self.units.active.fetch_add(1, Ordering::Relaxed);
         let now = self.units.paths.fetch_add(paths, Ordering::Relaxed) + paths;
         self.units.peak_paths.fetch_max(now, Ordering::Relaxed);
         *lock(&self.units.units[unit as usize]) = Some(Box::new(Unit::new(weights)));
@@ -314,7 +324,7 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
     #[inline(always)]
     fn hit(&mut self, path: Flight, hit: Hit, fresh: &mut Fresh<Flight, Probe>) {
         self.met.push((path, hit));
-        if self.met.len() == GATHERED {
+        if self.met.len() == self.gathered {
             self.shade(fresh);
         }
     }
@@ -347,10 +357,5 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
             self.shade(fresh);
         }
         works
-    }
-
-    #[inline(always)]
-    fn bytes(&self) -> usize {
-        self.units.active.load(Ordering::Relaxed) * SUM_BYTES
     }
 }

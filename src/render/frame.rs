@@ -5,8 +5,8 @@
 
 use super::job::{Job, Order};
 use super::load::open_pages;
-use super::stream::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
 use super::stage::{Stage, effective_film, emitters_only, pool};
+use super::stream::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Builder, Pages};
 use crate::error::Result;

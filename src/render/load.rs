@@ -3,6 +3,7 @@
 //! Invariant: texels beside those of sky images stay within the memory that the settings give them.
 //! Never builds what is traced.
 
+use super::stream::workers;
 use super::{Control, Progress};
 use crate::error::{Error, Result};
 use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
@@ -11,7 +12,7 @@ use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights_build::load_environments;
 use crate::prepare;
 use crate::scene::{SceneDescription, TextureId};
-use crate::settings::RenderSettings;
+use crate::settings::{RenderSettings, Schedule};
 use crate::stats;
 use crate::texture::convert::Watch;
 use crate::texture::{Caching, TextureCoordinates, TextureOptions, TextureStore, Textures};
@@ -28,6 +29,7 @@ pub(super) fn load(
     control: &Control<'_>,
 ) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
     let needs = prepare::image_needs(scene);
+    let threads = looking_up(settings, threads);
     let options = TextureOptions {
         budget: settings.texture_memory.unwrap_or_else(default_texture_memory),
         threads,
@@ -59,6 +61,16 @@ pub(super) fn load(
     Ok((geometry, textures, environments?))
 }
 
+/// Threads that look up at the same time, at most.
+fn looking_up(settings: &RenderSettings, threads: usize) -> usize {
+    let waits = match settings.schedule {
+        Schedule::Depth => false,
+        Schedule::Sorted | Schedule::Voxel => true,
+        Schedule::Auto => settings.geometry_memory.is_some(),
+    };
+    if waits { workers(threads) } else { threads }
+}
+
 /// Whole blocks of 4 KiB, as direct reads take them.
 fn page_bytes(settings: &RenderSettings) -> usize {
     let asked = settings.page_bytes.unwrap_or(DEFAULT_PAGE_BYTES);
@@ -73,6 +85,7 @@ pub(super) fn open_pages(
     threads: usize,
 ) -> Result<()> {
     let Some(budget) = settings.geometry_memory else { return Ok(()) };
+    let threads = looking_up(settings, threads);
     let least = geometry.pages.as_ref().map_or(0, |pages| pages.least(threads));
     let Some(left) = budget.checked_sub(staying).filter(|&left| left >= least) else {
         let needed = staying + least;

@@ -10,9 +10,12 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::film::TILE;
 use crate::geometry::pages::PageStore;
-use crate::integrator::flight::{Film, MOST_UNITS, Shader, UNIT, UNIT_BYTES, Units};
+use crate::integrator::flight::{
+    Film, Flight, GATHERED, MOST_UNITS, Probe, SUM_BYTES, Shader, UNIT, UNIT_BYTES, Units,
+};
 use crate::integrator::path::Wave;
-use crate::schedule::{Grid, Ledger, Limits, Order, Queues, Residency};
+use crate::permits::Permits;
+use crate::schedule::{Grid, Ledger, Limits, Meter, Order, Queues, Residency};
 use crate::stats::{Counters, SchedulerStats};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
@@ -23,14 +26,31 @@ use std::time::Instant;
 pub(super) const DEFAULT_RAY_MEMORY: u64 = 256 << 20;
 
 /// Voxels that a budget's worth of pages fills on average.
-const VOXELS_IN_MEMORY: u64 = 16;
+const VOXELS_IN_MEMORY: u64 = 64;
 /// Voxels with pages, at least and at most, unless told otherwise.
 const VOXELS: (u64, u64) = (64, 4096);
+
+/// Pairs of page and voxel that are kept to tell what is in memory; where there are more it is not told.
+const MOST_PAIRS: usize = 1 << 22;
 
 /// Rays that a thread takes from a voxel's queue at once, some ten milliseconds of work, and from that of all.
 const TAKEN: (usize, usize) = (1 << 13, 1 << 16);
 
 const _: () = assert!((TILE * TILE * PASS) as usize <= UNIT, "a pass over a film tile is a unit");
+
+/// Threads that render where some wait for a disk, of which only `threads` compute at a time: disks answer
+/// eight questions at once in little more time than one.
+pub(super) fn workers(threads: usize) -> usize {
+    threads + READERS
+}
+
+/// See [`workers`].
+const READERS: usize = 8;
+
+/// Threads that share the rays of a voxel, so that they read its pages side by side.
+const SHARES: usize = 8;
+/// Threads that compute for each voxel that is run at the same time.
+const THREADS_A_VOXEL: usize = 4;
 
 /// What decides which rays run next.
 pub(super) enum Waiting<'a> {
@@ -41,12 +61,8 @@ pub(super) enum Waiting<'a> {
 }
 
 impl Residency for PageStore {
-    fn reads(&self) -> u64 {
-        Self::reads(self)
-    }
-
-    fn room(&self) -> u64 {
-        Self::room(self)
+    fn gone(&self, voxel: u32) -> Option<u32> {
+        Self::gone(self, voxel)
     }
 
     fn page_bytes(&self) -> u64 {
@@ -59,9 +75,11 @@ impl Residency for PageStore {
 /// # Errors
 /// [`Error::Usage`] when it is too small.
 pub(super) fn check_ray_memory(bytes: u64) -> Result<()> {
-    if bytes < UNIT_BYTES as u64 {
+    // A quarter is in threads' hands.
+    let least = UNIT_BYTES as u64 * 4 / 3;
+    if bytes < least {
         return Err(Error::Usage(format!(
-            "a ray memory of {bytes} bytes is too small: --ray-memory {UNIT_BYTES} would do, for the paths of one film tile"
+            "a ray memory of {bytes} bytes is too small: --ray-memory {least} would do, for the paths of one film tile"
         )));
     }
     Ok(())
@@ -115,33 +133,50 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             Waiting::Voxel { pages, voxels } => {
                 let wanted = pages.all_bytes() * VOXELS_IN_MEMORY / pages.budget().max(1);
                 let wanted = voxels.unwrap_or(wanted.clamp(VOXELS.0, VOXELS.1) as u32);
+                let boxes = self.world.accel.pages();
+                let grid = Grid::new(&boxes, wanted);
+                if let Some(pairs) = grid.pairs(&boxes, MOST_PAIRS) {
+                    pages.watch(pairs, grid.len());
+                }
                 let residency: &dyn Residency = *pages;
-                (Grid::new(&self.world.accel.pages(), wanted), Some(residency), TAKEN.0)
+                (grid, Some(residency), TAKEN.0)
             }
         };
         let mut ledger = Ledger::new(&grid, residency);
         let order = Order::new(self.world.accel.bounds());
         let bytes = usize::try_from(ray_memory).unwrap_or(usize::MAX);
-        let limits = Limits { bytes, begin_bytes: UNIT_BYTES, taken };
+        // A quarter of it at most is in threads' hands.
+        let in_hand = bytes / (8 * workers(threads));
+        let gathered = (in_hand / Shader::<A>::HIT_BYTES).clamp(1, GATHERED);
+        let taken = taken.min(in_hand / Queues::<Flight, Probe>::RAY_BYTES).max(1);
+        let hands = workers(threads)
+            * (gathered * Shader::<A>::HIT_BYTES + taken * Queues::<Flight, Probe>::RAY_BYTES);
+        // Where all come past one queue nobody gains by sharing.
+        let shares = if residency.is_some() { SHARES } else { 1 };
+        let voxels = threads.div_ceil(THREADS_A_VOXEL);
+        let meter = Meter::new(bytes - hands);
+        let limits = Limits { begun_bytes: SUM_BYTES, begin_bytes: UNIT_BYTES, taken, shares, voxels };
         let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.buffer.tile_count()) * passes;
         let mut first = 0;
         while first < total && !self.should_stop() {
             let count = (total - first).min(u64::from(MOST_UNITS)) as u32;
-            let units = Units::new(count);
+            let units = Units::new(count, &meter);
             let part = Part { job: self, first, early: Mutex::default() };
-            let queues = Queues::new(&grid, ledger, order, limits);
-            self.crew(threads, &mut counters, |counters| {
-                let mut shader = Shader::new(self.world, &units, &part, counters);
-                queues.work(self.world.accel, &mut shader, &|| self.should_stop());
+            let queues = Queues::new(&grid, ledger, order, limits, &meter);
+            let permits = Permits::new(threads);
+            self.crew(workers(threads), &mut counters, |counters| {
+                permits.hold(|| {
+                    let mut shader = Shader::new(self.world, &units, &part, counters, gathered);
+                    queues.work(self.world.accel, &mut shader, &|| self.should_stop());
+                });
             });
-            let peak;
-            (ledger, peak) = queues.finish();
-            stats.ray_memory_peak = stats.ray_memory_peak.max(peak as u64);
+            ledger = queues.finish();
             stats.paths_in_flight_peak = stats.paths_in_flight_peak.max(units.peak_paths());
             first += u64::from(count);
             stats.batches += 1;
         }
+        stats.ray_memory_peak = (meter.peak() + hands) as u64;
         ledger.report(&mut stats);
         (counters, stats)
     }

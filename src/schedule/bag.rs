@@ -19,18 +19,21 @@ impl<T: Copy> Bag<T> {
     /// Bytes of a piece.
     pub(super) const PIECE_BYTES: usize = PIECE * size_of::<T>();
 
-    /// Adds a record; the bytes by which the list has grown.
-    pub(super) fn push(&mut self, record: T) -> usize {
+    /// Adds a record, if `reserve` has room for the bytes by which the list must grow. Whether it was added.
+    pub(super) fn push(&mut self, record: T, reserve: impl FnOnce(usize) -> bool) -> bool {
         if let Some(last) = self.pieces.last_mut()
             && last.len() < PIECE
         {
             last.push(record);
-            return 0;
+            return true;
         }
-        let mut piece = Vec::with_capacity(PIECE);
-        piece.push(record);
-        self.pieces.push(piece);
-        Self::PIECE_BYTES
+        let room = reserve(Self::PIECE_BYTES);
+        if room {
+            let mut piece = Vec::with_capacity(PIECE);
+            piece.push(record);
+            self.pieces.push(piece);
+        }
+        room
     }
 
     pub(super) fn len(&self) -> usize {

@@ -25,13 +25,14 @@ impl Grid {
     /// Over `boxes`, with some `wanted` voxels that have pages in them, or a few more; no finer than boxes are large.
     #[must_use]
     pub fn new(boxes: &[PageBox], wanted: u32) -> Self {
-        let (lo, hi) = boxes.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), b| {
-            (lo.min(b.lo), hi.max(b.hi))
-        });
+        let (lo, hi) = boxes
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), b| (lo.min(b.lo), hi.max(b.hi)));
         if boxes.is_empty() {
             return Self { lo, hi, cell: Vec3::ONE, dims: UVec3::ZERO, pages: Vec::new(), filled: 0 };
         }
-        let size = (hi - lo).max(Vec3::splat((hi - lo).max_element() * 1e-6)).max(Vec3::splat(f32::MIN_POSITIVE));
+        let size =
+            (hi - lo).max(Vec3::splat((hi - lo).max_element() * 1e-6)).max(Vec3::splat(f32::MIN_POSITIVE));
         let mut edge = size.max_element();
         loop {
             let grid = Self::with_edge(boxes, lo, hi, size, edge);
@@ -56,7 +57,7 @@ impl Grid {
                 let pick = |bit: u32, a: u32, b: u32| if corner >> bit & 1 == 0 { a } else { b };
                 let place = UVec3::new(pick(0, from.x, to.x), pick(1, from.y, to.y), pick(2, from.z, to.z));
                 let sign = if corner.count_ones() % 2 == 0 { 1 } else { -1 };
-                sums[at(place)] += sign * i64::from(b.pages);
+                sums[at(place)] += sign * b.pages.len() as i64;
             }
         }
         for step in [UVec3::X, UVec3::Y, UVec3::Z] {
@@ -110,6 +111,34 @@ impl Grid {
     #[must_use]
     pub fn pages(&self, i: u32) -> u32 {
         self.pages[i as usize]
+    }
+
+    /// Pairs of page and voxel in which it lies; `None` when there are more than `most`.
+    #[must_use]
+    pub fn pairs(&self, boxes: &[PageBox], most: usize) -> Option<Vec<(u32, u32)>> {
+        let range = |b: &PageBox| (self.voxel(b.lo), self.voxel(b.hi));
+        let count = |b: &PageBox| {
+            let (from, to) = range(b);
+            let size = (to - from + 1).as_u64vec3();
+            (size.x * size.y * size.z).saturating_mul(b.pages.len() as u64)
+        };
+        let total: u64 = boxes.iter().map(count).fold(0, u64::saturating_add);
+        if total > most as u64 {
+            return None;
+        }
+        let mut pairs = Vec::with_capacity(total as usize);
+        for b in boxes {
+            let (from, to) = range(b);
+            for z in from.z..=to.z {
+                for y in from.y..=to.y {
+                    for x in from.x..=to.x {
+                        let voxel = self.index(IVec3::new(x, y, z));
+                        pairs.extend(b.pages.clone().map(|page| (page, voxel)));
+                    }
+                }
+            }
+        }
+        Some(pairs)
     }
 
     /// Where voxel `i` is along each axis.

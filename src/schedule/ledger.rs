@@ -12,10 +12,8 @@ const TRACE_S: f64 = 1e-6;
 
 /// What is known of the pages in memory.
 pub trait Residency: Sync {
-    /// Pages read so far.
-    fn reads(&self) -> u64;
-    /// Pages that memory holds.
-    fn room(&self) -> u64;
+    /// Pages of `voxel` that have been in memory and are not now; `None` where that is not counted.
+    fn gone(&self, voxel: u32) -> Option<u32>;
     /// Bytes of a page.
     fn page_bytes(&self) -> u64;
 }
@@ -23,8 +21,6 @@ pub trait Residency: Sync {
 /// What a voxel has seen in the whole render.
 #[derive(Clone, Copy, Default)]
 struct Seen {
-    /// Pages read when it was last visited.
-    reads: Option<u64>,
     visits: u64,
     rays: u64,
 }
@@ -58,27 +54,22 @@ impl<'g> Ledger<'g> {
         }
     }
 
-    /// Bytes of the pages of `voxel` that are thought to be absent. Pages leave in the order in which they were used
-    /// last, so that a voxel's are gone when a budget's worth of others has been read since its last visit.
-    fn absent(&self, voxel: u32, reads: u64) -> u64 {
+    /// Bytes of the pages of `voxel` that are thought to be read for its rays: those that have been before and have left;
+    /// at the first visit, and where that is not counted, all.
+    fn absent(&self, voxel: u32) -> u64 {
         let Some(residency) = self.residency else { return 0 };
-        let bytes = u64::from(self.grid.pages(voxel)) * residency.page_bytes();
-        match self.seen[voxel as usize].reads {
-            None => bytes,
-            Some(then) => {
-                let gone = reads.saturating_sub(then) as f64 / residency.room().max(1) as f64;
-                (bytes as f64 * gone.min(1.0)) as u64
-            }
-        }
+        let all = self.grid.pages(voxel);
+        let first = self.seen[voxel as usize].visits == 0;
+        let pages = if first { all } else { residency.gone(voxel).unwrap_or(all) };
+        u64::from(pages) * residency.page_bytes()
     }
 
     /// Of the voxels in which rays wait, `(voxel, how many)`, the one with the most rays for each second that it costs.
     /// How many rays are served is all that counts: each must be answered before the image is done, so that the weight
     /// of one says nothing of when it should run.
     pub(super) fn best(&self, waiting: impl Iterator<Item = (u32, usize)>) -> Option<u32> {
-        let reads = self.residency.map_or(0, Residency::reads);
         let score = |(voxel, count): (u32, usize)| {
-            let absent = self.absent(voxel, reads) as f64;
+            let absent = self.absent(voxel) as f64;
             (count as f64 / (absent * READ_S + count as f64 * TRACE_S), voxel)
         };
         waiting.map(score).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, voxel)| voxel)
@@ -86,10 +77,9 @@ impl<'g> Ledger<'g> {
 
     /// Writes down a visit of `voxel` with `count` rays, of `waiting` in all.
     pub(super) fn visit(&mut self, voxel: u32, count: u64, waiting: u64) {
-        let reads = self.residency.map_or(0, Residency::reads);
-        let cost_bytes = self.absent(voxel, reads);
+        let cost_bytes = self.absent(voxel);
         let seen = &mut self.seen[voxel as usize];
-        *seen = Seen { reads: Some(reads), visits: seen.visits + 1, rays: seen.rays + count };
+        *seen = Seen { visits: seen.visits + 1, rays: seen.rays + count };
         self.queued += count;
         if self.visits.is_multiple_of(self.every) {
             if self.decisions.len() == SchedulerStats::MOST_DECISIONS {

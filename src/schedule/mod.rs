@@ -11,6 +11,7 @@
 mod bag;
 mod grid;
 mod ledger;
+mod meter;
 mod order;
 mod queues;
 #[cfg(test)]
@@ -18,6 +19,7 @@ mod tests;
 
 pub use grid::Grid;
 pub use ledger::{Ledger, Residency};
+pub use meter::Meter;
 pub use order::Order;
 pub use queues::{Limits, Queues};
 
@@ -47,7 +49,8 @@ impl<P, T> Default for Fresh<P, T> {
 
 /// Takes answers, and gives new rays for them. Each thread has its own.
 pub trait Sink<P, T> {
-    /// Adds some of the rays that all begins with; false when there are none left.
+    /// Adds some of the rays that all begins with; false when there are none left. What it needs beside
+    /// ([`Limits::begun_bytes`]) has been taken from the [`Meter`], and is given back when their last answer has come.
     fn begin(&mut self, fresh: &mut Fresh<P, T>) -> bool;
     /// What a path met.
     fn hit(&mut self, path: P, hit: Hit, fresh: &mut Fresh<P, T>);
@@ -56,6 +59,4 @@ pub trait Sink<P, T> {
     /// What was met so far lies together, and what comes next lies elsewhere: works on it, if it is worth while or if
     /// it must `all` be done. Whether there was anything.
     fn settle(&mut self, all: bool, fresh: &mut Fresh<P, T>) -> bool;
-    /// Bytes that all sinks hold.
-    fn bytes(&self) -> usize;
 }

@@ -8,21 +8,29 @@
 //! ray is traced.
 
 use super::bag::Bag;
-use super::{Fresh, Grid, Ledger, Order, Sink, Traveller};
+use super::{Fresh, Grid, Ledger, Meter, Order, Sink, Traveller};
 use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::permits;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// How much may wait, and how much runs together.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Bytes of queues and of sinks.
-    pub bytes: usize,
-    /// Bytes that [`Sink::begin`] may add, with what follows from it.
+    /// Bytes that [`Sink::begin`] takes until its last ray has been answered.
+    pub begun_bytes: usize,
+    /// Bytes that there must be room for before it is called: its rays too.
     pub begin_bytes: usize,
-    /// Rays of a queue that a thread takes at once.
+    /// Rays of a queue that a thread takes at once, at most.
     pub taken: usize,
+    /// Threads that share a queue: how many of them its rays are worth.
+    pub shares: usize,
+    /// Voxels that are run at once.
+    pub voxels: usize,
 }
+
+/// Rays that are worth being taken.
+const LEAST_TAKEN: usize = 64;
 
 /// A ray that has met nothing so far, and where it goes on.
 #[derive(Clone, Copy)]
@@ -86,8 +94,7 @@ pub struct Queues<'g, P, T> {
     queues: Vec<Mutex<Queue<P, T>>>,
     /// How many rays each has.
     lengths: Vec<AtomicUsize>,
-    bytes: AtomicUsize,
-    peak: AtomicUsize,
+    meter: &'g Meter,
     /// Rays in all queues.
     waiting: AtomicUsize,
     state: Mutex<State<'g>>,
@@ -98,6 +105,8 @@ struct State<'g> {
     ledger: Ledger<'g>,
     /// Threads that may yet put rays into queues.
     busy: usize,
+    /// Voxels whose rays are being traced, and by how many threads.
+    active: Vec<(u32, u32)>,
     /// Whether there are rays that have not begun.
     more: bool,
     done: bool,
@@ -136,9 +145,12 @@ struct Worker<'q, 'g, A: ?Sized, P, T, S> {
 }
 
 impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
+    /// Bytes of a ray that a thread has taken, at most.
+    pub const RAY_BYTES: usize = size_of::<Met<P>>() + size_of::<(u64, u32, u32)>();
+
     /// Empty, one for each voxel of `grid`.
     #[must_use]
-    pub fn new(grid: &'g Grid, ledger: Ledger<'g>, order: Order, limits: Limits) -> Self {
+    pub fn new(grid: &'g Grid, ledger: Ledger<'g>, order: Order, limits: Limits, meter: &'g Meter) -> Self {
         let count = grid.len() + 1;
         Self {
             grid,
@@ -146,19 +158,17 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             limits,
             queues: (0..count).map(|_| Mutex::new(Queue::new())).collect(),
             lengths: (0..count).map(|_| AtomicUsize::new(0)).collect(),
-            bytes: AtomicUsize::new(0),
-            peak: AtomicUsize::new(0),
+            meter,
             waiting: AtomicUsize::new(0),
-            state: Mutex::new(State { ledger, busy: 0, more: true, done: false }),
+            state: Mutex::new(State { ledger, busy: 0, active: Vec::new(), more: true, done: false }),
             changed: Condvar::new(),
         }
     }
 
-    /// What was done, and the most bytes that queues and sinks have taken.
+    /// What was done.
     #[must_use]
-    pub fn finish(self) -> (Ledger<'g>, usize) {
-        let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
-        (state.ledger, self.peak.into_inner())
+    pub fn finish(self) -> Ledger<'g> {
+        self.state.into_inner().unwrap_or_else(PoisonError::into_inner).ledger
     }
 
     /// Traces until no ray is left; called by every thread that takes part. What is on its way when `stop` says so
@@ -177,9 +187,10 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             if stop() {
                 return self.end();
             }
-            match self.next(worker.sink.bytes()) {
+            match self.next() {
                 Step::Begin => {
                     if !worker.sink.begin(&mut worker.fresh) {
+                        self.meter.give(self.limits.begun_bytes);
                         lock(&self.state).more = false;
                     }
                     worker.place();
@@ -189,12 +200,13 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
                         worker.sink.settle(false, &mut worker.fresh);
                     }
                     worker.visit(voxel, taken);
+                    self.leave(voxel);
                     worker.place();
                 }
                 Step::Nothing => {
                     if worker.sink.settle(true, &mut worker.fresh) {
                         worker.place();
-                    } else if !self.wait() {
+                    } else if !permits::lend(|| self.wait()) {
                         return;
                     }
                 }
@@ -207,60 +219,93 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         self.changed.notify_all();
     }
 
-    /// Whether there is room for `more` bytes beside what sinks hold.
-    fn has_room(&self, sinks: usize, more: usize) -> bool {
-        let bytes = self.bytes.load(Ordering::Relaxed) + sinks;
-        self.peak.fetch_max(bytes, Ordering::Relaxed);
-        bytes + more <= self.limits.bytes
+    /// Takes what beginning takes, if rays may begin: there are some, and room for them, or nothing else is on its way.
+    fn may_begin(&self, state: &State<'_>) -> bool {
+        let Limits { begun_bytes, begin_bytes, .. } = self.limits;
+        state.more && (self.meter.take(begun_bytes, begin_bytes) || self.meter.take_first(begun_bytes))
     }
 
-    fn next(&self, sinks: usize) -> Step<P, T> {
+    fn has_begin_room(&self) -> bool {
+        self.meter.has_room(self.limits.begin_bytes)
+    }
+
+    /// Where rays may be taken from now. Threads work together on few voxels, so that what one of them reads serves
+    /// the others.
+    fn choose(&self, state: &State<'_>) -> Option<usize> {
+        let last = self.queues.len() - 1;
+        let length = |voxel: usize| self.lengths[voxel].load(Ordering::Relaxed);
+        // Those that come past no voxel can run at any time; together, if there are others.
+        if length(last) >= self.limits.taken {
+            return Some(last);
+        }
+        let counts = |voxel: u32| Some((voxel, length(voxel as usize))).filter(|(_, n)| *n > 0);
+        let best = if state.active.len() < self.limits.voxels {
+            state.ledger.best((0..last as u32).filter_map(counts))
+        } else {
+            state.ledger.best(state.active.iter().filter_map(|&(voxel, _)| counts(voxel)))
+        };
+        best.map(|voxel| voxel as usize).or_else(|| (length(last) > 0).then_some(last))
+    }
+
+    fn next(&self) -> Step<P, T> {
         let mut state = lock(&self.state);
         if state.done {
             return Step::Nothing;
         }
-        // A little room is left for rays on their way.
-        let waiting = self.waiting.load(Ordering::Relaxed);
-        if state.more && (waiting == 0 || self.has_room(sinks, self.limits.begin_bytes)) {
+        if self.may_begin(&state) {
             return Step::Begin;
         }
-        if waiting == 0 {
+        let Some(voxel) = self.choose(&state) else { return Step::Nothing };
+        let waiting = self.waiting.load(Ordering::Relaxed);
+        let share = (self.lengths[voxel].load(Ordering::Relaxed) / self.limits.shares).max(LEAST_TAKEN);
+        let taken = self.take(voxel, share.min(self.limits.taken));
+        let count = taken.len();
+        if count == 0 {
             return Step::Nothing;
         }
-        let lengths = self.lengths.iter().map(|n| n.load(Ordering::Relaxed));
-        let last = self.queues.len() - 1;
-        let counts = (0u32..).zip(lengths.take(last)).filter(|(_, n)| *n > 0);
-        // Those that come past no voxel can run at any time.
-        let aside = self.lengths[last].load(Ordering::Relaxed) >= self.limits.taken;
-        let best = if aside { None } else { state.ledger.best(counts) };
-        let voxel = best.map_or(last, |v| v as usize);
-        let taken = self.take(voxel);
-        let count = taken.len();
-        if best.is_some() {
+        if voxel < self.grid.len() {
             state.ledger.visit(voxel as u32, count as u64, waiting as u64);
+            match state.active.iter_mut().find(|(v, _)| *v == voxel as u32) {
+                Some((_, threads)) => *threads += 1,
+                None => state.active.push((voxel as u32, 1)),
+            }
         }
-        if count == 0 { Step::Nothing } else { Step::Visit(voxel, taken) }
+        Step::Visit(voxel, taken)
     }
 
-    fn take(&self, voxel: usize) -> Taken<P, T> {
+    /// This thread's rays of `voxel` have been traced.
+    fn leave(&self, voxel: usize) {
+        let mut state = lock(&self.state);
+        if let Some(at) = state.active.iter().position(|(v, _)| *v as usize == voxel) {
+            state.active[at].1 -= 1;
+            if state.active[at].1 == 0 {
+                state.active.swap_remove(at);
+            }
+        }
+    }
+
+    fn take(&self, voxel: usize, most: usize) -> Taken<P, T> {
         let mut taken = Taken { open: Vec::new(), met: Vec::new(), tests: Vec::new() };
         let mut queue = lock(&self.queues[voxel]);
-        let most = self.limits.taken;
         queue.met.take(most, &mut taken.met);
         queue.tests.take(most.saturating_sub(taken.len()), &mut taken.tests);
         queue.open.take(most.saturating_sub(taken.len()), &mut taken.open);
-        self.bytes.fetch_sub(taken.bytes(), Ordering::Relaxed);
+        self.meter.give(taken.bytes());
         self.waiting.fetch_sub(taken.len(), Ordering::Relaxed);
         self.lengths[voxel].store(queue.len(), Ordering::Relaxed);
         taken
     }
 
-    fn put(&self, voxel: usize, add: impl FnOnce(&mut Queue<P, T>) -> usize) {
+    /// Puts a ray into the queue of `voxel`, if there is room; whether there was.
+    #[inline]
+    fn put<R: Copy>(&self, voxel: usize, list: impl Fn(&mut Queue<P, T>) -> &mut Bag<R>, ray: R) -> bool {
         let mut queue = lock(&self.queues[voxel]);
-        let grown = add(&mut queue);
-        self.bytes.fetch_add(grown, Ordering::Relaxed);
-        self.waiting.fetch_add(1, Ordering::Relaxed);
-        self.lengths[voxel].store(queue.len(), Ordering::Relaxed);
+        let added = list(&mut queue).push(ray, |bytes| self.meter.take(bytes, bytes));
+        if added {
+            self.waiting.fetch_add(1, Ordering::Relaxed);
+            self.lengths[voxel].fetch_add(1, Ordering::Relaxed);
+        }
+        added
     }
 
     /// Waits until there may be something to do; false when there never will be.
@@ -276,7 +321,10 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             if state.done {
                 return false;
             }
-            if waiting > 0 || state.more {
+            // Nothing on its way: rays may begin, however little room there is.
+            if self.choose(&state).is_some()
+                || (state.more && (self.has_begin_room() || self.meter.is_free()))
+            {
                 state.busy += 1;
                 return true;
             }
@@ -322,68 +370,61 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
     #[inline(always)]
     fn path(&mut self, voxel: usize, item: P, from: f32, so_far: &Hit) {
         let ray = item.ray();
-        let mut next = self.after(&ray, voxel);
-        if next.is_some() && !self.queues.has_room(self.sink.bytes(), 0) {
-            next = None;
-        }
+        let next = self.after(&ray, voxel);
         let to = next.map_or(f32::INFINITY, |(to, _)| to);
-        let hit = self.accel.closest_part(&ray, from, to, so_far);
-        match next {
-            Some((from, voxel)) if hit.t >= from => self.queues.put(voxel as usize, |queue| {
-                if hit.geometry == NONE {
-                    queue.open.push(Open { item, from })
-                } else {
-                    queue.met.push(Met { item, from, hit })
-                }
-            }),
-            _ => self.sink.hit(item, hit, &mut self.fresh),
+        let mut hit = self.accel.closest_part(&ray, from, to, so_far);
+        if let Some((from, voxel)) = next.filter(|&(to, _)| hit.t >= to) {
+            let (queues, voxel) = (self.queues, voxel as usize);
+            let put = if hit.geometry == NONE {
+                queues.put(voxel, |queue| &mut queue.open, Open { item, from })
+            } else {
+                queues.put(voxel, |queue| &mut queue.met, Met { item, from, hit })
+            };
+            if put {
+                return;
+            }
+            hit = self.accel.closest_part(&ray, from, f32::INFINITY, &hit);
         }
+        self.sink.hit(item, hit, &mut self.fresh);
     }
 
     #[inline(always)]
     fn test(&mut self, voxel: usize, item: T, from: f32) {
         let ray = item.ray();
-        let mut next = self.after(&ray, voxel);
-        if next.is_some() && !self.queues.has_room(self.sink.bytes(), 0) {
-            next = None;
-        }
+        let next = self.after(&ray, voxel);
         let to = next.map_or(f32::INFINITY, |(to, _)| to);
-        let occluded = self.accel.occluded_part(&ray, from, to);
-        match next {
-            Some((from, voxel)) if !occluded => {
-                self.queues.put(voxel as usize, |queue| queue.tests.push(Open { item, from }));
+        let mut occluded = self.accel.occluded_part(&ray, from, to);
+        if let Some((from, voxel)) = next.filter(|_| !occluded) {
+            if self.queues.put(voxel as usize, |queue| &mut queue.tests, Open { item, from }) {
+                return;
             }
-            _ => self.sink.seen(item, occluded),
+            occluded = self.accel.occluded_part(&ray, from, f32::INFINITY);
         }
+        self.sink.seen(item, occluded);
     }
 
     /// Puts new rays into the queues where they begin; where there is no room they are traced, and so may bring new ones.
     fn place(&mut self) {
-        const START: f32 = f32::NEG_INFINITY;
-        let last = self.queues.queues.len() - 1;
+        const FROM: f32 = f32::NEG_INFINITY;
+        let queues = self.queues;
+        let last = queues.queues.len() - 1;
+        let voxel = |ray: &Ray| queues.grid.enter(ray).map_or(last, |v| v as usize);
         loop {
-            let room = self.queues.has_room(self.sink.bytes(), 0);
             if let Some(item) = self.fresh.tests.pop() {
-                let voxel = self.queues.grid.enter(&item.ray()).map_or(last, |v| v as usize);
-                if room {
-                    self.queues.put(voxel, |queue| queue.tests.push(Open { item, from: START }));
-                } else {
-                    let occluded = self.accel.occluded(&item.ray());
-                    self.sink.seen(item, occluded);
+                let ray = item.ray();
+                if !queues.put(voxel(&ray), |queue| &mut queue.tests, Open { item, from: FROM }) {
+                    self.sink.seen(item, self.accel.occluded(&ray));
                 }
             } else if let Some(item) = self.fresh.paths.pop() {
-                let voxel = self.queues.grid.enter(&item.ray()).map_or(last, |v| v as usize);
-                if room {
-                    self.queues.put(voxel, |queue| queue.open.push(Open { item, from: START }));
-                } else {
-                    let hit = self.accel.closest(&item.ray());
-                    self.sink.hit(item, hit, &mut self.fresh);
+                let ray = item.ray();
+                if !queues.put(voxel(&ray), |queue| &mut queue.open, Open { item, from: FROM }) {
+                    self.sink.hit(item, self.accel.closest(&ray), &mut self.fresh);
                 }
             } else {
                 break;
             }
         }
-        self.queues.changed.notify_all();
+        queues.changed.notify_all();
     }
 }
 

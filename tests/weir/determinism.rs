@@ -8,7 +8,7 @@ use weir::scene::SceneDescription;
 use weir::settings::RenderSettings;
 
 /// Odd sizes, a filter wider than a pixel, passes that do not divide the samples.
-fn everything(folder: &Path) -> SceneDescription {
+pub(crate) fn everything(folder: &Path) -> SceneDescription {
     let mut sky = Image::new(8, 8);
     for (i, p) in sky.pixels.iter_mut().enumerate() {
         *p = [0.2, 0.3, 0.2 + 0.3 * (i % 5) as f32];

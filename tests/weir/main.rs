@@ -14,6 +14,7 @@ mod known;
 mod determinism;
 mod estimators;
 mod references;
+mod schedule;
 mod significance;
 
 mod damaged;

@@ -5,12 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Left is imported by right (design.md, "Rooms").
-const ORDER: [&str; 20] = [
+const ORDER: [&str; 21] = [
     "math",
     "color",
     "error",
     "open",
     "replace",
+    "permits",
     "settings",
     "stats",
     "scene",

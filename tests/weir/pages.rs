@@ -12,7 +12,7 @@ use weir::scene::{self, SceneDescription};
 use weir::settings::{Backend, RenderSettings};
 use weir::study::generate::{Kind, Recipe, TextureFormat, generate};
 
-fn make(kind: Kind, triangles: u64, at: &Path) -> SceneDescription {
+pub(crate) fn make(kind: Kind, triangles: u64, at: &Path) -> SceneDescription {
     let recipe = Recipe {
         kind,
         triangles,
@@ -26,7 +26,7 @@ fn make(kind: Kind, triangles: u64, at: &Path) -> SceneDescription {
     scene::load(&at.join("scene/scene.pbrt")).unwrap_or_else(|e| panic!("{kind}: {e}"))
 }
 
-fn settings(at: &Path) -> RenderSettings {
+pub(crate) fn settings(at: &Path) -> RenderSettings {
     RenderSettings {
         spp: Some(2),
         max_depth: Some(3),
@@ -41,7 +41,7 @@ fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
 }
 
 /// The least that does, as the refusal says it.
-fn least(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
+pub(crate) fn least(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
     let settings = RenderSettings { geometry_memory: Some(1), ..settings.clone() };
     let Err(Error::Usage(line)) = outcome(scene, &settings) else { panic!("one byte is enough") };
     let after = line.split("--geometry-memory ").nth(1).unwrap_or_else(|| panic!("{line}"));

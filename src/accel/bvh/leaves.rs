@@ -209,7 +209,9 @@ impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
                 self.scene.any_in_page::<COUNT>(self, r, t_max)
             } else if r.geometry == INSTANCE {
                 self.scene.enter(r.primitive, self.ray, self.query, t_max).is_some_and(
-                    |(object, ray, query)| self.scene.any_in::<COUNT>(object, &ray, &query, Part::ALL, self.work),
+                    |(object, ray, query)| {
+                        self.scene.any_in::<COUNT>(object, &ray, &query, Part::ALL, self.work)
+                    },
                 )
             } else {
                 meet_custom(self.scene, self.object, r, self.ray, self.query, t_max)

@@ -7,8 +7,8 @@ use super::build::{BuildSettings, build};
 use super::collapse::into_blocks;
 use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle, Triangles};
 use super::memory::Frozen;
-use super::page::PageView;
 use super::nodes::{Fma, Form, Nodes, traverse_wide};
+use super::page::PageView;
 use super::part::Part;
 use super::primitives::{Reference, grown, triangles};
 use super::query::{Best, Met, Query, Work, into_object};
@@ -383,22 +383,26 @@ impl Accel for BvhScene<'_> {
     }
 
     fn pages(&self) -> Vec<PageBox> {
-        let pages_of = |object: u32| {
-            let count = self.objects.get(object as usize).map_or(0, |o| o.pages.len());
-            u32::try_from(count).unwrap_or(u32::MAX)
-        };
-        (self.world.order.iter())
-            .map(|r| {
-                let (lo, hi) = r.corners();
-                let pages = match r.geometry {
-                    PAGE => 1,
-                    INSTANCE => pages_of(self.instances[r.primitive as usize].object),
-                    _ => 0,
-                };
-                PageBox { lo: lo.into(), hi: hi.into(), pages }
-            })
-            .filter(|b| b.pages > 0)
-            .collect()
+        let mut boxes = Vec::new();
+        for r in &self.world.order {
+            let (lo, hi) = r.corners();
+            let mut add = |pages| boxes.push(PageBox { lo: lo.into(), hi: hi.into(), pages });
+            match r.geometry {
+                PAGE => {
+                    let (_, page) = self.world.pages[r.primitive as usize];
+                    add(page..page + 1);
+                }
+                INSTANCE => {
+                    let object = &self.objects[self.instances[r.primitive as usize].object as usize];
+                    // Those of one geometry follow each other.
+                    for run in object.pages.chunk_by(|a, b| a.0 == b.0) {
+                        add(run[0].1..run[0].1 + run.len() as u32);
+                    }
+                }
+                _ => {}
+            }
+        }
+        boxes
     }
 
     fn bytes(&self) -> u64 {

@@ -219,17 +219,14 @@ fn parts_of_a_ray_give_what_the_whole_gives() {
     let instances: Vec<InstanceOf> = (0..200)
         .map(|_| {
             let Vec3 { x, y, z } = random.point() * 4.0;
-            InstanceOf {
-                object: 0,
-                transform: [0.3, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.3, x, y, z],
-            }
+            InstanceOf { object: 0, transform: [0.3, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.3, x, y, z] }
         })
         .collect();
     let world = [Geometry::Custom { count: 5, user: 1, alpha: false }, soup.geometry()];
     let object = vec![soup.geometry()];
     for form in [Form::Plain, Form::Wide] {
-        let scene =
-            BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, None, form).expect("few");
+        let scene = BvhScene::new(&world, std::slice::from_ref(&object), &instances, &spheres, None, form)
+            .expect("few");
         let mut late = 0;
         for ray in rays(&soup, 20_000, 18) {
             let mut cuts: Vec<f32> = (0..4).map(|_| random.signed().abs() * 8.0).collect();

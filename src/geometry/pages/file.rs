@@ -3,6 +3,7 @@
 //! Invariant: a file whose head says that it is whole is; a page is used only when its checksum is right.
 
 use super::format::{VERSION, is_whole};
+use super::residents::Residents;
 use crate::error::{Error, Result};
 use crate::open::open_entry;
 use crate::texture::cache::TileSource;
@@ -65,6 +66,8 @@ pub(crate) struct PageFile {
     page_bytes: usize,
     pages: u32,
     start: u64,
+    /// Who is told of what is in memory, and what the first page is called there.
+    residents: Option<(Arc<Residents>, u32)>,
 }
 
 /// Writes the file of `pages`, each at most `page_bytes` long with its box.
@@ -129,13 +132,18 @@ pub(super) fn open(
     }
     let file = RawFile::open(path, files).ok()?;
     let mesh = PagedMesh { first: 0, bounds, triangles: head.triangles };
-    Some((mesh, PageFile { file, page_bytes, pages: head.pages, start }))
+    Some((mesh, PageFile { file, page_bytes, pages: head.pages, start, residents: None }))
 }
 
 impl PageFile {
     /// Where it lies.
     pub(crate) fn path(&self) -> &Path {
         self.file.path()
+    }
+
+    /// Tells `residents` what is in memory, from now on; the first page is called `first` there.
+    pub(super) fn report_to(&mut self, residents: Arc<Residents>, first: u32) {
+        self.residents = Some((residents, first));
     }
 }
 
@@ -173,6 +181,18 @@ impl TileSource for PageFile {
         Err(wrong(
             "damaged, and triangles are missing from the image; the file has been deleted: render again",
         ))
+    }
+
+    fn came(&self, tile: u32) {
+        if let Some((residents, first)) = &self.residents {
+            residents.came(first + tile);
+        }
+    }
+
+    fn went(&self, tile: u32) {
+        if let Some((residents, first)) = &self.residents {
+            residents.went(first + tile);
+        }
     }
 
     fn fill_unreadable(&self, out: &mut [u8]) {

@@ -7,6 +7,7 @@
 mod file;
 mod format;
 mod make;
+mod residents;
 mod store;
 #[cfg(test)]
 mod tests;

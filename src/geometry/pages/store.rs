@@ -4,6 +4,7 @@
 
 use super::file::PageFile;
 use super::format::read_triangle;
+use super::residents::Residents;
 use crate::accel::Pages;
 use crate::accel::bvh::PageView;
 use crate::error::{Error, Result};
@@ -13,7 +14,7 @@ use crate::texture::cache::{CacheOptions, ThreadCache, TileCache, TileSource, le
 use std::cell::RefCell;
 use std::marker::PhantomData;
 use std::path::PathBuf;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 thread_local! {
@@ -37,6 +38,7 @@ pub struct PageStore {
     /// Until it is opened.
     sources: Mutex<Vec<Box<dyn TileSource>>>,
     page_bytes: usize,
+    residents: Arc<Residents>,
     cache: OnceLock<TileCache>,
 }
 
@@ -52,7 +54,7 @@ impl PageStore {
     ///
     /// # Errors
     /// [`Error::Resource`] when there are more pages than names.
-    pub(crate) fn new(files: Vec<PageFile>, page_bytes: usize) -> Result<Self> {
+    pub(crate) fn new(mut files: Vec<PageFile>, page_bytes: usize) -> Result<Self> {
         let mut firsts = Vec::with_capacity(files.len());
         let mut of = Vec::new();
         for (file, i) in files.iter().zip(0u32..) {
@@ -66,7 +68,12 @@ impl PageStore {
                 PageView::MAX_PAGES
             )));
         }
+        let residents = Arc::new(Residents::new(of.len()));
+        for (file, &first) in files.iter_mut().zip(&firsts) {
+            file.report_to(Arc::clone(&residents), first);
+        }
         Ok(Self {
+            residents,
             files: of,
             firsts,
             names: files.iter().map(|f| f.path().to_path_buf()).collect(),
@@ -94,16 +101,16 @@ impl PageStore {
         self.cache().budget()
     }
 
-    /// Pages that memory holds.
-    #[must_use]
-    pub fn room(&self) -> u64 {
-        self.budget() / self.page_bytes()
+    /// Counts what is in memory by `regions` regions from now on, given pairs of page and region. Once, before any page
+    /// is read.
+    pub fn watch(&self, pairs: Vec<(u32, u32)>, regions: usize) {
+        self.residents.watch(pairs, regions);
     }
 
-    /// Pages read so far.
+    /// Pages of `region` that have been in memory and are not now; `None` where nobody counts.
     #[must_use]
-    pub fn reads(&self) -> u64 {
-        self.cache().reads()
+    pub fn gone(&self, region: u32) -> Option<u32> {
+        self.residents.gone(region)
     }
 
     /// Least bytes that `threads` threads can work with.

@@ -19,6 +19,7 @@ pub use thread::ThreadCache;
 pub use tile::least_budget;
 
 use crate::error::{Error, Result};
+use crate::permits;
 use crate::stats::{KeyBuildHasher, StackDistances, sample_hash, spread};
 use lru::LruCache;
 use shard::{Abandon, Padded, PendingState, Shard};
@@ -173,12 +174,6 @@ impl TileCache {
         self.budget
     }
 
-    /// Tiles read so far.
-    #[must_use]
-    pub fn reads(&self) -> u64 {
-        self.clock.load(Ordering::Relaxed)
-    }
-
     /// Whether no tile ever has to go to make room for another.
     #[must_use]
     pub fn fits_all(&self) -> bool {
@@ -250,7 +245,7 @@ impl TileCache {
                 None => return self.load(key, thread),
                 Some(pending) => {
                     let start = Instant::now();
-                    let tile = pending.wait();
+                    let tile = permits::lend(|| pending.wait());
                     let waited = nanoseconds(start);
                     if let Some(tile) = tile {
                         thread.book(key, tile.level, |c| {
@@ -274,10 +269,13 @@ impl TileCache {
         let ready = Instant::now();
         let size = file.file.tile_bytes();
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
-        let read = file.file.read_tile(index, &mut bytes[..size], &mut thread.scratch);
-        if let Some(rest) = self.latency.checked_sub(ready.elapsed()) {
-            std::thread::sleep(rest);
-        }
+        let read = permits::lend(|| {
+            let read = file.file.read_tile(index, &mut bytes[..size], &mut thread.scratch);
+            if let Some(rest) = self.latency.checked_sub(ready.elapsed()) {
+                std::thread::sleep(rest);
+            }
+            read
+        });
         let (bytes_read, failed) = match read {
             Ok(bytes_read) => (bytes_read, 0),
             Err(error) => {
@@ -295,6 +293,8 @@ impl TileCache {
         let level = file.file.level_of(index) as u32;
         let tile = Arc::new(Tile { level, used: AtomicU64::new(now), lines });
         let keep = self.keeps(file, index);
+        // Before it can be found, and so before it can go.
+        file.file.came(index);
         let pending = {
             let mut shard = self.shard(key);
             if keep {
@@ -347,7 +347,7 @@ impl TileCache {
                     self.used.fetch_sub(freed, Ordering::Relaxed);
                 }
                 // All that is not in somebody's hands is being read; that ends, in the time of a read.
-                None => std::thread::sleep(Duration::from_micros(20)),
+                None => permits::lend(|| std::thread::sleep(Duration::from_micros(20))),
             }
         }
     }
@@ -361,11 +361,17 @@ impl TileCache {
             .filter_map(|i| lock(&self.shards[i].0).oldest().map(|used| (used, i)))
             .min();
         if let Some((_, i)) = oldest
-            && let Some(lines) = lock(&self.shards[i].0).pop()
+            && let Some(tile) = lock(&self.shards[i].0).pop()
         {
-            return Some(lines);
+            return Some(self.evicted(tile));
         }
-        (0..n).find_map(|i| lock(&self.shards[(start + i) & (n - 1)].0).pop())
+        let tile = (0..n).find_map(|i| lock(&self.shards[(start + i) & (n - 1)].0).pop());
+        tile.map(|tile| self.evicted(tile))
+    }
+
+    fn evicted(&self, (key, lines): (u64, Lines)) -> Lines {
+        self.files[(key >> 32) as usize].file.went(key as u32);
+        lines
     }
 
     fn record(&self, sampled: &mut Vec<(u64, u32)>, requests: u64) {

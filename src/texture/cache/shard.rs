@@ -52,12 +52,12 @@ impl Shard {
         None
     }
 
-    /// Takes the oldest tile out that nobody holds. Nobody can begin to hold it meanwhile: only
+    /// Takes the oldest tile out that nobody holds, with its name. Nobody can begin to hold it meanwhile: only
     /// under the shard's lock is a tile handed out that no thread holds.
-    pub(super) fn pop(&mut self) -> Option<Lines> {
+    pub(super) fn pop(&mut self) -> Option<(u64, Lines)> {
         self.oldest()?;
-        let (_, tile) = self.tiles.pop_lru()?;
-        Arc::into_inner(tile).map(|tile| tile.lines)
+        let (key, tile) = self.tiles.pop_lru()?;
+        Arc::into_inner(tile).map(|tile| (key, tile.lines))
     }
 }
 

@@ -21,6 +21,11 @@ pub trait TileSource: Send + Sync {
     /// Fills `out` with what stands for a tile that cannot be read.
     fn fill_unreadable(&self, out: &mut [u8]);
 
+    /// Told that a tile is in memory now.
+    fn came(&self, _tile: u32) {}
+    /// Told that a tile has left memory.
+    fn went(&self, _tile: u32) {}
+
     /// The level that a tile belongs to.
     fn level_of(&self, tile: u32) -> usize {
         self.first_tiles().partition_point(|&first| first <= tile).saturating_sub(1)
