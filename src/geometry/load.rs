@@ -1,11 +1,12 @@
 //! Reads every mesh of a scene in parallel, brings it into world space, and lists surfaces in the
 //! order the acceleration structure will know them by.
 
-use super::pages::{PageFile, PageMaker, PageStore, Source};
+use super::pages::{Made, PageFile, PageMaker, PageStore, Source};
+use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Custom, Geometry, Hit, InstanceOf, Ray};
 use crate::error::{Error, Result};
-use crate::math::{Transform, gamma};
+use crate::math::gamma;
 use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -59,13 +60,10 @@ impl Paging {
     }
 }
 
-/// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
-const LEAST_PAGED: usize = 1024;
-
-/// Loads the shapes of `scene`. `stop` is asked before a mesh is cut into pages, which may take long.
+/// Loads the shapes of `scene`. `stop` is asked while meshes are cut into pages, which may take long.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when `stop` says so. /// The first mesh, in the scene's order, that cannot be read.
+/// [`Error::Interrupted`] when `stop` says so. The first mesh, in the scene's order, that cannot be read.
 pub fn load(
     scene: &SceneDescription,
     paging: Option<&Paging>,
@@ -78,7 +76,7 @@ pub fn load(
             return Ok(geometry);
         }
     }
-    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes)?;
+    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
     load_with(scene, Some((maker, paging.page_bytes)), stop)
 }
 
@@ -170,30 +168,34 @@ fn surface(
             if let Some((mesh, pages)) = paged.as_ref().and_then(|(maker, named, _)| maker.find(named)) {
                 return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages)));
             }
-            if paged.is_some() && stop() {
-                return Err(Error::Interrupted);
-            }
-            let mesh = match &scene.meshes[id.index()] {
-                MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
-                MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
-                MeshSource::Loop { control, levels } => super::loop_subdivision::subdivide(control, *levels)
-                    .map_err(|e| Error::at(&shape.at, e.to_string()))?,
+            let made = match paged {
+                Some((maker, named, source)) => Some(maker.make(&source, &named, stop)?),
+                None => None,
             };
-            let mesh = place_mesh(mesh, to_world, shape.reverse_orientation);
-            match paged {
-                Some((maker, named, source)) if mesh.indices.len() >= LEAST_PAGED => {
-                    let (mesh, pages) = maker.make(&source, &named, &mesh)?;
+            match made {
+                Some(Made::Pages(mesh, pages)) => {
                     file = Some(pages);
                     SurfaceShape::Paged(mesh)
                 }
-                _ => SurfaceShape::Mesh(mesh),
+                Some(Made::Stays(mesh)) => SurfaceShape::Mesh(mesh),
+                None => {
+                    let mesh = match &scene.meshes[id.index()] {
+                        MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
+                        MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
+                        MeshSource::Loop { control, levels } => {
+                            super::loop_subdivision::subdivide(control, *levels)
+                                .map_err(|e| Error::at(&shape.at, e.to_string()))?
+                        }
+                    };
+                    SurfaceShape::Mesh(place_mesh(mesh, to_world, shape.reverse_orientation))
+                }
             }
         }
         ShapeKind::Patches(id) => {
             let p = &scene.patch_meshes[id.index()];
             SurfaceShape::Patches(Patches {
                 positions: p.positions.iter().map(|&v| to_world.point(v.into()).to_array()).collect(),
-                normals: place_normals(&p.normals, to_world, shape.reverse_orientation),
+                normals: place_normals(p.normals.clone(), to_world, shape.reverse_orientation),
                 uvs: p.uvs.clone(),
                 indices: p.indices.clone(),
             })
@@ -214,31 +216,6 @@ fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {
         alpha: shape.alpha,
         medium: shape.medium,
     }
-}
-
-fn place_mesh(mut mesh: TriangleMesh, to_world: &Transform, reverse: bool) -> Mesh {
-    if *to_world != Transform::IDENTITY {
-        for v in &mut mesh.positions {
-            *v = to_world.point(Vec3::from(*v)).to_array();
-        }
-        for t in &mut mesh.tangents {
-            *t = to_world.vector(Vec3::from(*t)).to_array();
-        }
-    }
-    // Embree reads 16 bytes at the last vertex.
-    mesh.pad_positions();
-    Mesh {
-        normals: place_normals(&mesh.normals, to_world, reverse),
-        positions: mesh.positions,
-        uvs: mesh.uvs,
-        tangents: mesh.tangents,
-        indices: mesh.indices,
-    }
-}
-
-fn place_normals(normals: &[[f32; 3]], to_world: &Transform, reverse: bool) -> Vec<[f32; 3]> {
-    let sign = if reverse { -1.0 } else { 1.0 };
-    normals.iter().map(|&n| (to_world.normal(n.into()).normalize_or_zero() * sign).to_array()).collect()
 }
 
 impl SceneGeometry {

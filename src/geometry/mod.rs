@@ -9,6 +9,7 @@ mod load;
 pub mod loop_subdivision;
 pub mod pages;
 mod patch;
+mod place;
 mod point;
 mod quadric;
 mod tangents;

@@ -4,7 +4,7 @@
 //! [`MAX_DEPTH`].
 
 use super::plain::MAX_DEPTH;
-use super::primitives::Reference;
+use super::primitives::{Reference, longest_axis};
 use super::tree::{MAX_LEAF, Node};
 use glam::Vec4;
 use rayon::prelude::*;
@@ -237,20 +237,10 @@ fn divide(
         return None;
     }
     // Centres all in one place, or too deep: halves by the order along the longest axis.
-    let size = extent.centres.hi - extent.centres.lo;
-    let axis = if size.x >= size.y && size.x >= size.z {
-        0
-    } else if size.y >= size.z {
-        1
-    } else {
-        2
-    };
+    let axis = longest_axis(extent.centres.hi - extent.centres.lo);
     let middle = references.len() / 2;
     references.select_nth_unstable_by(middle, |a, b| {
-        let centre = |r: &Reference| {
-            let [lo, hi] = r.bounds();
-            (lo + hi)[axis]
-        };
+        let centre = |r: &Reference| r.centre()[axis];
         // Names last, so that the order is total.
         let key = |r: &Reference| (r.geometry, r.primitive);
         centre(a).total_cmp(&centre(b)).then_with(|| key(a).cmp(&key(b)))

@@ -8,6 +8,7 @@
 
 mod build;
 mod collapse;
+mod cut;
 mod leaves;
 mod memory;
 mod page;
@@ -23,6 +24,7 @@ mod triangle;
 mod wide;
 
 pub use build::{BuildSettings, SplitRule};
-pub use page::{MAX_TRIANGLES, PageTree, PageView, cut};
+pub use cut::{Centre, Spread, cut, left_of};
+pub use page::{MAX_TRIANGLES, PageTree, PageView};
 pub use query::Work;
 pub use scene::{BvhScene, Form};
