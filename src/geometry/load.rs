@@ -32,6 +32,8 @@ pub struct SceneGeometry {
     pub opacity: Option<Box<dyn Opacity>>,
     /// Where paged meshes come from; `None` when all geometry stays.
     pub pages: Option<PageStore>,
+    /// Most bytes that were lent to make pages.
+    pub making_bytes: u64,
 }
 
 /// Which geometry stays and which comes and goes.
@@ -121,6 +123,7 @@ fn load_with(
             surface
         })
         .collect();
+    let making_bytes = maker.as_ref().map_or(0, |(maker, _)| maker.most_lent());
     let pages = match maker {
         Some((_, page_bytes)) if !files.is_empty() => Some(PageStore::new(files, page_bytes)?),
         _ => None,
@@ -136,7 +139,7 @@ fn load_with(
                 .expect("surfaces are counted in u32"),
         })
         .collect();
-    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages })
+    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages, making_bytes })
 }
 
 /// A surface, and where its pages are if it is paged.

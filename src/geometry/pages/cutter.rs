@@ -101,12 +101,17 @@ impl Cutter<'_> {
         Ok((Sorter { files, most, room: self.bytes / 2, stop: self.stop }, count, spread))
     }
 
-    /// How many triangles a thread takes at once that need `bytes` each.
-    fn at_once(&self, bytes: usize) -> usize {
-        (self.bytes / 4 / self.pool.current_num_threads() / bytes).clamp(1, MOST_AT_ONCE)
+    /// How many threads have room for a page in the making.
+    fn workers(&self) -> usize {
+        (self.bytes / 4 / (MAX_TRIANGLES * PART_BYTES)).clamp(1, self.pool.current_num_threads())
     }
 
-    /// Calls `make` with items, as many at a time as there are threads, and `take` with the results in order.
+    /// How many triangles each of them takes at once that need `bytes` each.
+    fn at_once(&self, bytes: usize) -> usize {
+        (self.bytes / 4 / self.workers() / bytes).clamp(1, MOST_AT_ONCE)
+    }
+
+    /// Calls `make` with items, as many at a time as there are workers, and `take` with the results in order.
     fn in_rounds<I: Send, T: Send>(
         &self,
         mut items: impl Iterator<Item = I>,
@@ -114,7 +119,7 @@ impl Cutter<'_> {
         mut take: impl FnMut(T) -> io::Result<()>,
     ) -> Result<(), Failure> {
         loop {
-            let round: Vec<I> = items.by_ref().take(self.pool.current_num_threads()).collect();
+            let round: Vec<I> = items.by_ref().take(self.workers()).collect();
             if round.is_empty() {
                 return Ok(());
             }

@@ -128,6 +128,11 @@ impl PageMaker {
         self
     }
 
+    /// Most bytes that meshes have been cut in at once.
+    pub(crate) fn most_lent(&self) -> u64 {
+        self.memory.most_lent()
+    }
+
     pub(super) fn path(&self, named: &Named) -> PathBuf {
         self.directory.join(format!("{:016x}.pages", named.key))
     }
