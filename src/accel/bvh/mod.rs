@@ -6,6 +6,7 @@
 //! smallest (instance, geometry, primitive). No ray passes between two triangles that share an edge.
 //! Never: keeps a reference to vertices of triangles; they are copied into the leaves.
 
+mod bins;
 mod build;
 mod collapse;
 mod cut;
@@ -23,7 +24,7 @@ mod triangle;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 
-pub use build::{BuildSettings, SplitRule};
+pub use build::BuildSettings;
 pub use cut::{Centre, Spread, cut, left_of};
 pub use page::{MAX_TRIANGLES, PageTree, PageView};
 pub use query::Work;
