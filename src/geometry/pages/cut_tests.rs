@@ -1,6 +1,7 @@
 //! Meshes cut in little memory against the same cut in much.
 
 use super::make::{Made, PageMaker, Source};
+use super::memory::CutMemory;
 use super::tests::{NEVER, ply, sheet, triangles};
 use super::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, PagedMesh};
 use crate::error::Error;
@@ -199,6 +200,29 @@ fn who_waits_for_another_maker_takes_what_that_has_made() {
         waiter.join().expect("no panic").expect("room on the disk");
         assert_eq!(fs::metadata(maker.path(&named)).expect("there").ino(), before, "made again");
     });
+}
+
+#[test]
+fn no_more_is_lent_than_there_is() {
+    let memory = CutMemory::new(100);
+    let now = AtomicU32::new(0);
+    std::thread::scope(|scope| {
+        for i in 0..8u32 {
+            let (memory, now) = (&memory, &now);
+            scope.spawn(move || {
+                for k in 0..50 {
+                    let share = memory.lend(u64::from(i * 17 + k), NEVER).expect("nobody gives up");
+                    let bytes = share.bytes as u32;
+                    assert!(now.fetch_add(bytes, Ordering::SeqCst) + bytes <= 100);
+                    now.fetch_sub(bytes, Ordering::SeqCst);
+                }
+            });
+        }
+    });
+    assert_eq!(memory.lend(u64::MAX, NEVER).expect("all is back").bytes, 100);
+    assert_eq!(memory.most_lent(), 100);
+    let _all = memory.lend(100, NEVER).expect("all is back");
+    assert!(matches!(memory.lend(1, &|| true), Err(Error::Interrupted)));
 }
 
 #[test]
