@@ -139,6 +139,16 @@ pub fn check_replaceable(path: &Path) -> Result<()> {
     Partial::create(&target).map(|_| ()).map_err(|e| Error::io(path, e))
 }
 
+/// A new file in `directory` that has no name any more, for reading and writing: it goes when it is closed, and when
+/// the program does, however that ends.
+///
+/// # Errors
+/// The operating system's.
+pub fn nameless_file(directory: &Path) -> io::Result<File> {
+    // Dropping the guard removes the name.
+    Partial::create(&directory.join("nameless")).map(|(file, _)| file)
+}
+
 /// Removes every partial file of this process, which makes no other from now on: for an exit that runs
 /// no destructors, while other threads still write.
 pub fn remove_partial_files() {
@@ -174,7 +184,7 @@ impl Partial {
             let path = directory_of(target).join(format!(".weir-{}-{number}.part", std::process::id()));
             // Held across the creation, so that an exit in between misses no file.
             let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
-            match OpenOptions::new().write(true).create_new(true).open(&path) {
+            match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
                 Ok(file) => {
                     partial.push(path.clone());
                     return Ok((file, Self { path }));

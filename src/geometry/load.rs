@@ -1,13 +1,13 @@
 //! Reads every mesh of a scene in parallel, brings it into world space, and lists surfaces in the
 //! order the acceleration structure will know them by.
 
-use super::pages::{PageFile, PageMaker, PageStore, Source};
+use super::pages::{Made, PageFile, PageMaker, PageStore, Source};
+use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
-use crate::accel::{Custom, Geometry, Hit, InstanceOf, Ray};
+use crate::accel::{Geometry, Hit, InstanceOf};
 use crate::error::{Error, Result};
-use crate::math::{Transform, gamma};
 use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -31,6 +31,8 @@ pub struct SceneGeometry {
     pub opacity: Option<Box<dyn Opacity>>,
     /// Where paged meshes come from; `None` when all geometry stays.
     pub pages: Option<PageStore>,
+    /// Most bytes that were lent to make pages.
+    pub making_bytes: u64,
 }
 
 /// Which geometry stays and which comes and goes.
@@ -59,13 +61,10 @@ impl Paging {
     }
 }
 
-/// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
-const LEAST_PAGED: usize = 1024;
-
-/// Loads the shapes of `scene`. `stop` is asked before a mesh is cut into pages, which may take long.
+/// Loads the shapes of `scene`. `stop` is asked while meshes are cut into pages, which may take long.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when `stop` says so. /// The first mesh, in the scene's order, that cannot be read.
+/// [`Error::Interrupted`] when `stop` says so. The first mesh, in the scene's order, that cannot be read.
 pub fn load(
     scene: &SceneDescription,
     paging: Option<&Paging>,
@@ -78,7 +77,7 @@ pub fn load(
             return Ok(geometry);
         }
     }
-    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes)?;
+    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
     load_with(scene, Some((maker, paging.page_bytes)), stop)
 }
 
@@ -123,6 +122,7 @@ fn load_with(
             surface
         })
         .collect();
+    let making_bytes = maker.as_ref().map_or(0, |(maker, _)| maker.most_lent());
     let pages = match maker {
         Some((_, page_bytes)) if !files.is_empty() => Some(PageStore::new(files, page_bytes)?),
         _ => None,
@@ -138,7 +138,7 @@ fn load_with(
                 .expect("surfaces are counted in u32"),
         })
         .collect();
-    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages })
+    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages, making_bytes })
 }
 
 /// A surface, and where its pages are if it is paged.
@@ -170,30 +170,34 @@ fn surface(
             if let Some((mesh, pages)) = paged.as_ref().and_then(|(maker, named, _)| maker.find(named)) {
                 return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages)));
             }
-            if paged.is_some() && stop() {
-                return Err(Error::Interrupted);
-            }
-            let mesh = match &scene.meshes[id.index()] {
-                MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
-                MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
-                MeshSource::Loop { control, levels } => super::loop_subdivision::subdivide(control, *levels)
-                    .map_err(|e| Error::at(&shape.at, e.to_string()))?,
+            let made = match paged {
+                Some((maker, named, source)) => Some(maker.make(&source, &named, stop)?),
+                None => None,
             };
-            let mesh = place_mesh(mesh, to_world, shape.reverse_orientation);
-            match paged {
-                Some((maker, named, source)) if mesh.indices.len() >= LEAST_PAGED => {
-                    let (mesh, pages) = maker.make(&source, &named, &mesh)?;
+            match made {
+                Some(Made::Pages(mesh, pages)) => {
                     file = Some(pages);
                     SurfaceShape::Paged(mesh)
                 }
-                _ => SurfaceShape::Mesh(mesh),
+                Some(Made::Stays(mesh)) => SurfaceShape::Mesh(mesh),
+                None => {
+                    let mesh = match &scene.meshes[id.index()] {
+                        MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
+                        MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
+                        MeshSource::Loop { control, levels } => {
+                            super::loop_subdivision::subdivide(control, *levels)
+                                .map_err(|e| Error::at(&shape.at, e.to_string()))?
+                        }
+                    };
+                    SurfaceShape::Mesh(place_mesh(mesh, to_world, shape.reverse_orientation))
+                }
             }
         }
         ShapeKind::Patches(id) => {
             let p = &scene.patch_meshes[id.index()];
             SurfaceShape::Patches(Patches {
                 positions: p.positions.iter().map(|&v| to_world.point(v.into()).to_array()).collect(),
-                normals: place_normals(&p.normals, to_world, shape.reverse_orientation),
+                normals: place_normals(p.normals.clone(), to_world, shape.reverse_orientation),
                 uvs: p.uvs.clone(),
                 indices: p.indices.clone(),
             })
@@ -214,31 +218,6 @@ fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {
         alpha: shape.alpha,
         medium: shape.medium,
     }
-}
-
-fn place_mesh(mut mesh: TriangleMesh, to_world: &Transform, reverse: bool) -> Mesh {
-    if *to_world != Transform::IDENTITY {
-        for v in &mut mesh.positions {
-            *v = to_world.point(Vec3::from(*v)).to_array();
-        }
-        for t in &mut mesh.tangents {
-            *t = to_world.vector(Vec3::from(*t)).to_array();
-        }
-    }
-    // Embree reads 16 bytes at the last vertex.
-    mesh.pad_positions();
-    Mesh {
-        normals: place_normals(&mesh.normals, to_world, reverse),
-        positions: mesh.positions,
-        uvs: mesh.uvs,
-        tangents: mesh.tangents,
-        indices: mesh.indices,
-    }
-}
-
-fn place_normals(normals: &[[f32; 3]], to_world: &Transform, reverse: bool) -> Vec<[f32; 3]> {
-    let sign = if reverse { -1.0 } else { 1.0 };
-    normals.iter().map(|&n| (to_world.normal(n.into()).normalize_or_zero() * sign).to_array()).collect()
 }
 
 impl SceneGeometry {
@@ -332,99 +311,4 @@ impl SceneGeometry {
             .collect();
         (world, objects, instances)
     }
-}
-
-impl Custom for SceneGeometry {
-    fn bounds(&self, user: u32, primitive: u32) -> (Vec3, Vec3) {
-        match &self.surfaces[user as usize].shape {
-            SurfaceShape::Quadric(q) => {
-                let (lo, hi) = q.object_bounds();
-                let mut low = DVec3::INFINITY;
-                let mut high = DVec3::NEG_INFINITY;
-                for corner in 0..8 {
-                    let pick = |bit: i32, a: f64, b: f64| if corner >> bit & 1 == 0 { a } else { b };
-                    let p = DVec3::new(pick(0, lo.x, hi.x), pick(1, lo.y, hi.y), pick(2, lo.z, hi.z));
-                    let p = q.to_world.point_f64(p);
-                    low = low.min(p);
-                    high = high.max(p);
-                }
-                // Rounded outwards to f32.
-                let down = |v: DVec3| v.as_vec3().map(f32::next_down);
-                let up = |v: DVec3| v.as_vec3().map(f32::next_up);
-                (down(low), up(high))
-            }
-            SurfaceShape::Patches(p) => {
-                // A flat one along an axis has a box without thickness, and rays within its plane miss that by
-                // the rounding of a face's distance: two operations on the way there, which is in proportion to
-                // the coordinates.
-                let (lo, hi) = p.bounds(primitive);
-                let pad = gamma(8) * (lo.abs().max(hi.abs()).max_element() + (hi - lo).max_element());
-                (lo - pad, hi + pad)
-            }
-            SurfaceShape::Mesh(_) | SurfaceShape::Paged(_) => {
-                unreachable!("the backend intersects triangles itself")
-            }
-        }
-    }
-
-    fn intersect(&self, user: u32, primitive: u32, ray: &Ray) -> Option<(f32, f32, f32)> {
-        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-        let (lo, hi) = (f64::from(ray.t_min), f64::from(ray.t_max));
-        match &self.surfaces[user as usize].shape {
-            SurfaceShape::Quadric(q) => {
-                let t = q.intersect(o, d, lo, hi)?;
-                if self.surfaces[user as usize].alpha.is_some() {
-                    let uv = q.at(o + d * t).uv;
-                    return Some((t as f32, uv.x as f32, uv.y as f32));
-                }
-                Some((t as f32, 0.0, 0.0))
-            }
-            SurfaceShape::Patches(p) => {
-                p.intersect(primitive, o, d, lo, hi).map(|(t, u, v)| (t as f32, u as f32, v as f32))
-            }
-            SurfaceShape::Mesh(_) | SurfaceShape::Paged(_) => {
-                unreachable!("the backend intersects triangles itself")
-            }
-        }
-    }
-
-    fn is_opaque(&self, user: u32, primitive: u32, (t, u, v): (f32, f32, f32), ray: &Ray) -> bool {
-        let surface = &self.surfaces[user as usize];
-        let (Some(texture), Some(opacity)) = (surface.alpha, &self.opacity) else { return true };
-        let (uv, p) = match &surface.shape {
-            SurfaceShape::Mesh(m) => {
-                let [i0, i1, i2] = m.indices[primitive as usize].map(|i| i as usize);
-                let b = [1.0 - u - v, u, v];
-                let uv = if m.uvs.is_empty() {
-                    Vec2::new(b[1] + b[2], b[2])
-                } else {
-                    Vec2::from(m.uvs[i0]) * b[0] + Vec2::from(m.uvs[i1]) * b[1] + Vec2::from(m.uvs[i2]) * b[2]
-                };
-                let p = [i0, i1, i2].map(|i| Vec3::from(m.positions[i]));
-                (uv, p[0] * b[0] + p[1] * b[1] + p[2] * b[2])
-            }
-            SurfaceShape::Patches(patches) => {
-                let p = patches.at(primitive, u.into(), v.into()).0.as_vec3();
-                (patches.uv(primitive, u, v), p)
-            }
-            SurfaceShape::Quadric(_) => (Vec2::new(u, v), ray.origin + ray.direction * t),
-            SurfaceShape::Paged(_) => unreachable!("meshes with masks are not paged"),
-        };
-        let a = opacity.opacity(texture, uv, p);
-        // The draw is a hash of the ray and the primitive, so that it is the same in whatever order
-        // a traversal asks (pbrt-v4 hashes the ray likewise).
-        a >= 1.0 || (a > 0.0 && hash_ray(ray, user, primitive) < a)
-    }
-}
-
-/// Uniform in [0, 1) from a ray's bits and a primitive's name.
-fn hash_ray(ray: &Ray, user: u32, primitive: u32) -> f32 {
-    let mut h = u64::from(user) << 32 | u64::from(primitive);
-    for c in ray.origin.to_array().into_iter().chain(ray.direction.to_array()) {
-        // Multiply and xor-shift (the finalizer of SplitMix64).
-        h = (h ^ u64::from(c.to_bits())).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        h ^= h >> 31;
-    }
-    h = h.wrapping_mul(0x94d0_49bb_1331_11eb);
-    (h >> 40) as f32 * (1.0 / (1u64 << 24) as f32)
 }

@@ -4,11 +4,13 @@
 //! Invariant: geometry `g` of the world (or of an object) in the acceleration structure is
 //! surface `g` (or the object's base + `g`) here.
 
+mod custom;
 mod flat;
 mod load;
 pub mod loop_subdivision;
 pub mod pages;
 mod patch;
+mod place;
 mod point;
 mod quadric;
 mod tangents;

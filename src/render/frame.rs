@@ -142,7 +142,8 @@ pub(super) fn render(
         unreadable = cache.failures().iter().map(stands_in).collect();
     }
     if let Some(pages) = &geometry.pages {
-        let (cost, curve, failures) = pages.stats();
+        let (mut cost, curve, failures) = pages.stats();
+        cost.making_bytes = geometry.making_bytes;
         stats.time.stall_s += cost.total.stall_s;
         stats.memory.peak_accounted += cost.peak + cost.index_bytes;
         stats.geometry_cache = Some(cost);

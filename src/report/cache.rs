@@ -21,6 +21,9 @@ pub(super) fn write_cache(
         bytes(stats.index_bytes),
         bytes(stats.buffer_bytes)
     )?;
+    if stats.making_bytes > 0 {
+        writeln!(out, "          {} to make files before", bytes(stats.making_bytes))?;
+    }
     writeln!(
         out,
         "          {} {piece} look-ups: {} in the thread's own {piece}s, {} in the shared cache, {} misses",

@@ -143,6 +143,9 @@ pub struct CacheStats {
     pub index_bytes: u64,
     /// Bytes of the largest read buffer of a thread, beside the budget.
     pub buffer_bytes: u64,
+    /// Most bytes that were lent at once, before the first sample, to make what was missing of its files; 0 where
+    /// nothing was, and for textures, whose makers need little.
+    pub making_bytes: u64,
     /// Sum over all files.
     #[serde(flatten)]
     pub total: CacheRow,

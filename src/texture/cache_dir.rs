@@ -12,17 +12,21 @@
 //! directory, which others may write to; never deletes a converted file that is whole: to make room, a
 //! person deletes the directory.
 
+mod lock;
+
+pub(crate) use lock::MakersLock;
+
 use super::convert::fingerprint::{self, Stamp, VERSION, encoding_text};
 use super::convert::{self, Compression, Container, Failure, Settings, Watch, WrapMode};
 use crate::error::{Error, Result};
 use crate::open::open_entry;
 use crate::replace::{replace_entry_unsynced, try_replace_entry};
 use crate::scene::Encoding;
-use rustix::fs::OFlags;
+use lock::own_directory;
 use std::ffi::OsString;
-use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
+use std::fs::{self, DirBuilder};
 use std::io::{self, BufReader, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 use tiff::decoder::Decoder;
@@ -32,9 +36,7 @@ use tiff::tags::Tag;
 const LEFTOVER_AGE: Duration = Duration::from_secs(24 * 3600);
 /// A file that changed within this time may change again without a new time stamp: clocks of file
 /// systems are as coarse as two seconds (FAT).
-const UNSETTLED: Duration = Duration::from_secs(3);
-/// How often somebody who waits for a lock looks whether to give up.
-const PATIENCE: Duration = Duration::from_millis(20);
+pub(crate) const UNSETTLED: Duration = Duration::from_secs(3);
 /// No entry of the index is longer.
 const INDEX_BYTES: u64 = 1 << 10;
 
@@ -102,9 +104,7 @@ pub fn converted(
         Error::Resource(format!("{dir}: {what}cannot keep the converted texture {source}: {e}; {help}"))
     };
     DirBuilder::new().recursive(true).mode(0o700).create(dir).map_err(cannot)?;
-    // A bounded number of lock files, which are never deleted: one that is deleted while another
-    // process opens it would lock nothing.
-    let lock = open_lock(&dir.join("locks"), &hash[..2]).ok();
+    let lock = MakersLock::open(dir, &hash[..2]);
     let settings = Settings {
         container: Container::Tiff,
         // A miss then costs one read and no inflating.
@@ -113,11 +113,7 @@ pub fn converted(
         encoding: Some(encoding),
     };
     let work = || -> std::result::Result<Converted, Failure> {
-        // Without locks two may make the same file; whoever is last replaces it whole by its like.
-        while let Some(Err(TryLockError::WouldBlock)) = lock.as_ref().map(File::try_lock) {
-            watch.check()?;
-            std::thread::sleep(PATIENCE);
-        }
+        lock.wait(|| watch.check())?;
         // Whoever had the lock before may have made it.
         let existing = look(&path, &hash, encoding);
         if existing == Look::Whole {
@@ -151,28 +147,6 @@ pub fn converted(
     })?;
     remember(&index, &stamp, &hash);
     Ok(done)
-}
-
-/// A directory of the cache's own, made if it is not there.
-fn own_directory(path: &Path) -> io::Result<()> {
-    match DirBuilder::new().mode(0o700).create(path) {
-        Err(e) if e.kind() != io::ErrorKind::AlreadyExists => return Err(e),
-        _ => {}
-    }
-    // A link may lead anywhere.
-    if fs::symlink_metadata(path)?.is_dir() { Ok(()) } else { Err(io::ErrorKind::NotADirectory.into()) }
-}
-
-/// Somebody else's lock may be readable and no more, which is enough to lock it.
-fn open_lock(locks: &Path, name: &str) -> io::Result<File> {
-    own_directory(locks)?;
-    let path = locks.join(name);
-    match open_entry(&path) {
-        Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-        opened => return opened,
-    }
-    let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32;
-    OpenOptions::new().create(true).append(true).mode(0o600).custom_flags(flags).open(path)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,10 +6,12 @@
 use crate::support::outcome;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use weir::error::Error;
 use weir::render::Outcome;
 use weir::scene::{self, SceneDescription};
 use weir::settings::{Backend, RenderSettings};
+use weir::stats::RenderStats;
 use weir::study::generate::{Kind, Recipe, TextureFormat, generate};
 
 pub(crate) fn make(kind: Kind, triangles: u64, at: &Path) -> SceneDescription {
@@ -40,12 +42,28 @@ fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
     outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// The least that does, as the refusal says it.
-pub(crate) fn least(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
-    let settings = RenderSettings { geometry_memory: Some(1), ..settings.clone() };
-    let Err(Error::Usage(line)) = outcome(scene, &settings) else { panic!("one byte is enough") };
+/// What a refusal of `budget` asks for.
+fn asked_for(scene: &SceneDescription, settings: &RenderSettings, budget: u64) -> u64 {
+    let settings = RenderSettings { geometry_memory: Some(budget), ..settings.clone() };
+    let Err(Error::Usage(line)) = outcome(scene, &settings) else { panic!("{budget} bytes are enough") };
     let after = line.split("--geometry-memory ").nth(1).unwrap_or_else(|| panic!("{line}"));
     after.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+}
+
+/// The least that does: what pages need is said at once, the rest when they have been made.
+pub(crate) fn least(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
+    asked_for(scene, settings, asked_for(scene, settings, 1))
+}
+
+#[test]
+fn a_budget_that_is_too_small_for_any_page_is_refused_before_one_is_made() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = make(Kind::Terrain, 50_000, folder.path());
+    let settings = RenderSettings { threads: Some(3), ..settings(folder.path()) };
+    let asked = asked_for(&scene, &settings, 1);
+    assert!(asked > 6 * (64 << 10), "two pages a thread, and not {asked} bytes");
+    assert_eq!(asked_for(&scene, &settings, asked - 1), asked);
+    assert!(!folder.path().join("cache/pages").exists(), "pages were made in vain");
 }
 
 #[test]
@@ -96,6 +114,66 @@ fn a_budget_for_everything_keeps_everything() {
     let outcome = render(&scene, &settings);
     assert!(outcome.stats.geometry_cache.is_none(), "nothing needs to come and go");
     assert!(!folder.path().join("cache/pages").exists(), "nothing is written");
+}
+
+/// Two million triangles, which take 68 MB with the centres of their boxes.
+fn large_mesh(path: &Path) {
+    let n = 1000u32;
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
+         property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (n + 1) * (n + 1),
+        2 * n * n
+    )
+    .into_bytes();
+    for at in 0..(n + 1) * (n + 1) {
+        let (x, y) = ((at % (n + 1)) as f32 / n as f32, (at / (n + 1)) as f32 / n as f32);
+        let z = 0.1 * (17.0 * x).sin() * (23.0 * y).cos();
+        [x, y, z].iter().for_each(|c| bytes.extend_from_slice(&c.to_le_bytes()));
+    }
+    for at in (0..n * (n + 1)).filter(|at| at % (n + 1) < n) {
+        for triangle in [[at, at + 1, at + n + 2], [at, at + n + 2, at + n + 1]] {
+            bytes.push(3);
+            triangle.iter().for_each(|c| bytes.extend_from_slice(&c.to_le_bytes()));
+        }
+    }
+    fs::write(path, bytes).expect("writable");
+}
+
+#[test]
+fn a_mesh_is_cut_in_bounded_memory() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    large_mesh(&at.join("large.ply"));
+    let text = "LookAt 0.5 -1 1  0.5 0.5 0  0 0 1\nCamera \"perspective\"\n\
+                Film \"rgb\" \"integer xresolution\" 32 \"integer yresolution\" 32\n\
+                Integrator \"path\" \"integer maxdepth\" 1\nWorldBegin\nLightSource \"infinite\"\n\
+                Shape \"plymesh\" \"string filename\" \"large.ply\"\n";
+    fs::write(at.join("scene.pbrt"), text).expect("writable");
+    // A mesh that has just changed is cut each time.
+    std::thread::sleep(std::time::Duration::from_millis(3500));
+    let peak = || {
+        let output = Command::new(env!("CARGO_BIN_EXE_weir"))
+            .current_dir(at)
+            .args(["scene.pbrt", "--spp", "1", "--threads", "2", "--geometry-memory", "8M", "--quiet"])
+            .args(["--cache-dir", "cache", "-o", "image.pfm", "--stats", "stats.json"])
+            .output()
+            .expect("weir starts");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let stats = fs::read(at.join("stats.json")).expect("it has been asked for");
+        let stats: RenderStats = serde_json::from_slice(&stats).expect("its own statistics");
+        let cache = stats.geometry_cache.expect("it is too large to stay");
+        let image = fs::read(at.join("image.pfm")).expect("it has been asked for");
+        (stats.memory.peak_rss.expect("Linux tells"), cache.making_bytes, image)
+    };
+    let (cutting, lent, first) = peak();
+    let (using, lent_again, second) = peak();
+    assert_eq!((lent, lent_again), (32 << 20, 0));
+    assert!(first == second, "another picture");
+    // 32 MB are lent, whatever the budget; buffers, pages in the making and what an allocator keeps are beside that.
+    let more = cutting.saturating_sub(using);
+    assert!(more <= 48 << 20, "{more} bytes more to cut it than to use it, {using}");
+    assert!(more >= 8 << 20, "nothing was cut: {cutting} and {using} bytes");
 }
 
 #[test]

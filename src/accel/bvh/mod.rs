@@ -6,8 +6,10 @@
 //! smallest (instance, geometry, primitive). No ray passes between two triangles that share an edge.
 //! Never: keeps a reference to vertices of triangles; they are copied into the leaves.
 
+mod bins;
 mod build;
 mod collapse;
+mod cut;
 mod leaves;
 mod memory;
 mod nodes;
@@ -24,8 +26,9 @@ mod triangle;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 
-pub use build::{BuildSettings, SplitRule};
+pub use build::BuildSettings;
+pub use cut::{Centre, Spread, cut, left_of};
 pub use nodes::Form;
-pub use page::{MAX_TRIANGLES, PageTree, PageView, cut};
+pub use page::{MAX_TRIANGLES, PageTree, PageView};
 pub use query::Work;
 pub use scene::BvhScene;

@@ -3,15 +3,13 @@
 //! A page begins with a header of 64 bytes; wide nodes and blocks of triangles follow, and whatever its maker adds
 //! after [`PageView::end`]. All numbers are little-endian.
 //!
-//! Invariant: cutting a mesh depends on the mesh and the sizes alone.
+//! Invariant: a page depends on its triangles and their order alone.
 
 use super::build::{BuildSettings, build};
 use super::collapse::{into_blocks, widen};
 use super::primitives::Reference;
-use super::query::LIMIT;
 use super::tree::{Block, LANES, Wide};
-use super::triangle::padded_bounds;
-use crate::accel::Geometry;
+use crate::accel::{Geometry, NONE};
 use bytemuck::{Pod, Zeroable};
 
 /// Slots for triangles in a page, so that a hit can say in 32 bits where it was.
@@ -121,8 +119,9 @@ impl PageTree {
     #[must_use]
     pub fn new(positions: &[[f32; 3]], indices: &[[u32; 3]], names: &[u32]) -> Self {
         assert!((1..=MAX_TRIANGLES).contains(&names.len()), "a page of {} triangles", names.len());
+        let corners = |name: u32| indices[name as usize].map(|c| positions[c as usize]);
         let mut references: Vec<Reference> =
-            names.iter().filter_map(|&n| reference(positions, indices, n)).collect();
+            names.iter().filter_map(|&n| Reference::triangle(corners(n), 0, n)).collect();
         let mut nodes = build(&mut references, BuildSettings::TRIANGLES);
         let geometry = [Geometry::Triangles { positions, indices, alpha: None }];
         let blocks = into_blocks(&mut nodes, &references, &geometry).elements().to_vec();
@@ -143,72 +142,15 @@ impl PageTree {
         parts.concat()
     }
 
+    /// Calls the triangle `n` of the mesh that it was made of `called(n)`.
+    pub fn rename(&mut self, called: impl Fn(u32) -> u32) {
+        for name in self.blocks.iter_mut().flat_map(|b| &mut b.primitive).filter(|name| **name != NONE) {
+            *name = called(*name);
+        }
+    }
+
     /// What the triangle in each slot is called.
     pub fn primitives(&self) -> impl Iterator<Item = u32> {
         self.blocks.iter().flat_map(|b| b.primitive)
     }
-}
-
-fn reference(positions: &[[f32; 3]], indices: &[[u32; 3]], name: u32) -> Option<Reference> {
-    let corners = indices[name as usize].map(|c| positions[c as usize]);
-    // A box may hide what is not a number.
-    corners.iter().flatten().all(|c| c.abs() <= LIMIT).then_some(())?;
-    let (lo, hi) = padded_bounds(corners);
-    Reference::new(lo, hi, 0, name)
-}
-
-/// Cuts a mesh into groups of at most `most` triangles that lie close together, all but a few full. Triangles that no
-/// ray can hit are in none. `names`: only these.
-///
-/// # Panics
-/// When `most` is 0 or more than a page can name.
-#[must_use]
-pub fn cut(
-    positions: &[[f32; 3]],
-    indices: &[[u32; 3]],
-    names: Option<&[u32]>,
-    most: usize,
-) -> Vec<Vec<u32>> {
-    assert!((1..=MAX_TRIANGLES).contains(&most), "pages of {most} triangles");
-    let count = u32::try_from(indices.len()).expect("primitives are counted in u32");
-    let named = |n: u32| reference(positions, indices, n);
-    let mut references: Vec<Reference> = match names {
-        Some(names) => names.iter().filter_map(|&n| named(n)).collect(),
-        None => (0..count).filter_map(named).collect(),
-    };
-    let mut groups = Vec::with_capacity(references.len() / most + 1);
-    halve(&mut references, most, &mut groups);
-    groups
-}
-
-/// Halves by the longest axis, at a whole number of pages, so that pages are full.
-fn halve(references: &mut [Reference], most: usize, groups: &mut Vec<Vec<u32>>) {
-    if references.len() <= most {
-        if !references.is_empty() {
-            groups.push(references.iter().map(|r| r.primitive).collect());
-        }
-        return;
-    }
-    let centre = |r: &Reference| {
-        let [lo, hi] = r.bounds();
-        lo + hi
-    };
-    let first = centre(&references[0]);
-    let (lo, hi) = references.iter().map(centre).fold((first, first), |(lo, hi), c| (lo.min(c), hi.max(c)));
-    let size = hi - lo;
-    let axis = if size.x >= size.y && size.x >= size.z {
-        0
-    } else if size.y >= size.z {
-        1
-    } else {
-        2
-    };
-    let pages = references.len().div_ceil(most);
-    let middle = pages / 2 * most;
-    references.select_nth_unstable_by(middle, |a, b| {
-        centre(a)[axis].total_cmp(&centre(b)[axis]).then_with(|| a.primitive.cmp(&b.primitive))
-    });
-    let (left, right) = references.split_at_mut(middle);
-    halve(left, most, groups);
-    halve(right, most, groups);
 }

@@ -28,6 +28,22 @@ impl Reference {
         (lo.into_iter().chain(hi).all(fits)).then_some(Self { lo, geometry, hi, primitive })
     }
 
+    /// Of a triangle; `None` where a corner is not a number, or too far away.
+    #[inline(always)]
+    pub(super) fn triangle(corners: [[f32; 3]; 3], geometry: u32, primitive: u32) -> Option<Self> {
+        // A box may hide what is not a number.
+        corners.iter().flatten().all(|c| c.abs() <= LIMIT).then_some(())?;
+        let (lo, hi) = padded_bounds(corners);
+        Self::new(lo, hi, geometry, primitive)
+    }
+
+    /// The centre of its box, doubled; the fourth component means nothing.
+    #[inline(always)]
+    pub(super) fn centre(&self) -> Vec4 {
+        let [lo, hi] = self.bounds();
+        lo + hi
+    }
+
     /// Its box; the fourth components mean nothing.
     #[inline(always)]
     pub(super) fn bounds(&self) -> [Vec4; 2] {
@@ -37,6 +53,17 @@ impl Reference {
     /// Its box.
     pub(super) fn corners(&self) -> ([f32; 3], [f32; 3]) {
         (self.lo, self.hi)
+    }
+}
+
+/// The first of the axes along which a box of this size is longest.
+pub(super) fn longest_axis(size: Vec4) -> usize {
+    if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
     }
 }
 
@@ -51,9 +78,8 @@ pub(super) fn triangles(geometry: &[Geometry<'_>]) -> Vec<Reference> {
         let name = u32::try_from(name).expect("geometries are counted in u32");
         let read = |first: usize, corners: &[[u32; 3]]| -> Vec<Reference> {
             let reference = |(i, corners): (usize, &[u32; 3])| {
-                let (lo, hi) = padded_bounds(corners.map(|c| positions[c as usize]));
                 let primitive = u32::try_from(first + i).expect("primitives are counted in u32");
-                Reference::new(lo, hi, name, primitive)
+                Reference::triangle(corners.map(|c| positions[c as usize]), name, primitive)
             };
             corners.iter().enumerate().filter_map(reference).collect()
         };

@@ -1,15 +1,16 @@
-//! A page file: a head, the boxes of the pages, and the pages, each on a boundary of 4 KiB.
+//! A page file: a head, the pages, each on a boundary of 4 KiB, and the boxes of the pages.
 //!
-//! Invariant: a file whose head says that it is whole is; a page is used only when its checksum is right.
+//! Invariant: a file whose head says that it is whole is, since the head is written last; a page is used only when its
+//! checksum is right.
 
-use super::format::{VERSION, is_whole};
+use super::format::{Page, VERSION, is_whole};
 use super::residents::Residents;
 use crate::error::{Error, Result};
 use crate::open::open_entry;
 use crate::texture::cache::TileSource;
 use crate::texture::{FilePool, RawFile, TileScratch};
 use bytemuck::{Pod, Zeroable};
-use std::io::{self, Read, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::sync::Arc;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
@@ -36,12 +37,13 @@ struct Head {
     checksum: u64,
 }
 
-const _: () = assert!(size_of::<Head>() == 64, "boxes follow at once");
+const _: () = assert!(size_of::<Head>() as u64 <= ALIGNMENT, "pages begin on the first boundary");
 
 type Box3 = [[f32; 3]; 2];
 
-fn data_start(pages: usize) -> u64 {
-    ((size_of::<Head>() + pages * size_of::<Box3>()) as u64).next_multiple_of(ALIGNMENT)
+/// Where the boxes begin.
+fn pages_end(pages: usize, page_bytes: usize) -> u64 {
+    ALIGNMENT + (pages as u64).saturating_mul(page_bytes as u64)
 }
 
 fn checksum(head: &Head, bounds: &[Box3]) -> u64 {
@@ -65,42 +67,54 @@ pub(crate) struct PageFile {
     file: RawFile,
     page_bytes: usize,
     pages: u32,
-    start: u64,
     /// Who is told of what is in memory, and what the first page is called there.
     residents: Option<(Arc<Residents>, u32)>,
 }
 
-/// Writes the file of `pages`, each at most `page_bytes` long with its box.
-pub(super) fn write(
-    out: &mut impl Write,
-    source: u64,
+/// Writes a file page by page.
+pub(super) struct Writer<'a, W: Write + Seek> {
+    out: &'a mut W,
     page_bytes: usize,
-    triangles: u64,
-    pages: &[(Vec<u8>, Box3)],
-) -> io::Result<()> {
-    let bounds: Vec<Box3> = pages.iter().map(|(_, b)| *b).collect();
-    let start = data_start(pages.len());
-    let mut head = Head {
-        magic: MAGIC,
-        version: VERSION,
-        page_bytes: u32::try_from(page_bytes).expect("pages are small"),
-        source,
-        triangles,
-        file_bytes: start + (pages.len() * page_bytes) as u64,
-        pages: u32::try_from(pages.len()).expect("pages are counted in u32"),
-        unused: [0; 3],
-        checksum: 0,
-    };
-    head.checksum = checksum(&head, &bounds);
-    out.write_all(bytemuck::bytes_of(&head))?;
-    out.write_all(bytemuck::cast_slice(&bounds))?;
-    let padding = vec![0; page_bytes.max(ALIGNMENT as usize)];
-    out.write_all(&padding[..start as usize - size_of::<Head>() - size_of_val(&bounds[..])])?;
-    for (page, _) in pages {
-        out.write_all(page)?;
-        out.write_all(&padding[..page_bytes - page.len()])?;
+    bounds: Vec<Box3>,
+    padding: Vec<u8>,
+}
+
+impl<'a, W: Write + Seek> Writer<'a, W> {
+    /// To `out`, which is empty, pages of `page_bytes` at most.
+    pub(super) fn new(out: &'a mut W, page_bytes: usize) -> io::Result<Self> {
+        let padding = vec![0; page_bytes.max(ALIGNMENT as usize)];
+        out.write_all(&padding[..ALIGNMENT as usize])?;
+        Ok(Self { out, page_bytes, bounds: Vec::new(), padding })
     }
-    Ok(())
+
+    /// The next page.
+    pub(super) fn push(&mut self, (page, bounds): &Page) -> io::Result<()> {
+        self.out.write_all(page)?;
+        self.out.write_all(&self.padding[..self.page_bytes - page.len()])?;
+        self.bounds.push(*bounds);
+        Ok(())
+    }
+
+    /// Makes it a whole file, of `triangles` triangles of `source`.
+    pub(super) fn finish(self, source: u64, triangles: u64) -> io::Result<()> {
+        let Self { out, page_bytes, bounds, .. } = self;
+        let pages = u32::try_from(bounds.len()).map_err(|_| io::Error::other("more pages than names"))?;
+        let mut head = Head {
+            magic: MAGIC,
+            version: VERSION,
+            page_bytes: u32::try_from(page_bytes).expect("pages are small"),
+            source,
+            triangles,
+            file_bytes: pages_end(bounds.len(), page_bytes) + size_of_val(&bounds[..]) as u64,
+            pages,
+            unused: [0; 3],
+            checksum: 0,
+        };
+        head.checksum = checksum(&head, &bounds);
+        out.write_all(bytemuck::cast_slice(&bounds))?;
+        out.seek(SeekFrom::Start(0))?;
+        out.write_all(bytemuck::bytes_of(&head))
+    }
 }
 
 /// Opens the file at `path`; `None` when it is not there, or is not the whole file made of `source` with pages of
@@ -115,16 +129,17 @@ pub(super) fn open(
     let length = stream.metadata().ok()?.len();
     let mut head = Head::zeroed();
     stream.read_exact(bytemuck::bytes_of_mut(&mut head)).ok()?;
-    let start = data_start(head.pages as usize);
+    let pages_end = pages_end(head.pages as usize, page_bytes);
     let right = head.magic == MAGIC
         && head.version == VERSION
         && head.source == source
         && head.page_bytes as usize == page_bytes
         && head.file_bytes == length
-        && start.checked_add(u64::from(head.pages) * page_bytes as u64) == Some(length);
+        && pages_end + u64::from(head.pages) * size_of::<Box3>() as u64 == length;
     if !right {
         return None;
     }
+    stream.seek(SeekFrom::Start(pages_end)).ok()?;
     let mut bounds = vec![Box3::default(); head.pages as usize];
     stream.read_exact(bytemuck::cast_slice_mut(&mut bounds)).ok()?;
     if checksum(&head, &bounds) != head.checksum {
@@ -132,7 +147,7 @@ pub(super) fn open(
     }
     let file = RawFile::open(path, files).ok()?;
     let mesh = PagedMesh { first: 0, bounds, triangles: head.triangles };
-    Some((mesh, PageFile { file, page_bytes, pages: head.pages, start, residents: None }))
+    Some((mesh, PageFile { file, page_bytes, pages: head.pages, residents: None }))
 }
 
 impl PageFile {
@@ -170,7 +185,7 @@ impl TileSource for PageFile {
     }
 
     fn read_tile(&self, tile: u32, out: &mut [u8], scratch: &mut TileScratch) -> Result<u64> {
-        let offset = self.start + u64::from(tile) * self.page_bytes as u64;
+        let offset = ALIGNMENT + u64::from(tile) * self.page_bytes as u64;
         let wrong = |cause: &str| Error::file(self.path(), format!("page {tile}: {cause}"));
         let read = self.file.read(offset, out, scratch).map_err(|cause| wrong(&cause))?;
         if is_whole(out) {

@@ -10,7 +10,7 @@ use std::hash::Hasher;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Changes whenever the same mesh would give other bytes.
-pub(super) const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 2;
 
 /// Places in the head of a page.
 const VERTICES: usize = 0;
@@ -23,9 +23,12 @@ const NORMALS: u32 = 1;
 const UVS: u32 = 2;
 const TANGENTS: u32 = 4;
 
-/// The bytes of the page of the triangles `names` of `mesh`, without padding, and its box.
-pub(super) fn encode(mesh: &Mesh, names: &[u32]) -> (Vec<u8>, [[f32; 3]; 2]) {
-    let tree = PageTree::new(&mesh.positions, &mesh.indices, names);
+/// A page without padding, and its box.
+pub(super) type Page = (Vec<u8>, [[f32; 3]; 2]);
+
+/// The page of the triangles `names` of `mesh`, which may be a part of another, where they are `called` so.
+pub(super) fn encode(mesh: &Mesh, names: &[u32], called: impl Fn(u32) -> u32) -> Page {
+    let mut tree = PageTree::new(&mesh.positions, &mesh.indices, names);
     let mut local: HashMap<u32, u16> = HashMap::new();
     let mut vertices = Vec::new();
     let mut corners: Vec<[u16; 3]> = Vec::new();
@@ -40,6 +43,7 @@ pub(super) fn encode(mesh: &Mesh, names: &[u32]) -> (Vec<u8>, [[f32; 3]; 2]) {
             })
         }));
     }
+    tree.rename(called);
     let mut free = [0; 14];
     free[VERTICES] = vertices.len() as u32;
     let mut bytes = tree.bytes(free);

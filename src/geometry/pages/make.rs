@@ -1,30 +1,49 @@
 //! Cuts meshes into page files in the cache directory, and finds those that are there.
 //!
-//! Invariant: a file is named by what it was made of and how; it is there whole or not at all.
+//! Invariant: a file is named by what it was made of and how; it is there whole or not at all. Its bytes depend on neither
+//! the memory nor the threads that it was made with. Meshes are cut on threads of their own: one of rayon's that waits
+//! might otherwise be handed the very job that it waits for.
 
+use super::collect::{Asked, Kept, collect};
+use super::cutter::{Cutter, Placed};
 use super::file::{self, PageFile, PagedMesh};
-use super::format::{VERSION, encode};
-use crate::accel::bvh::cut;
+use super::format::VERSION;
+use super::memory::CutMemory;
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
+use crate::geometry::place::place_mesh;
 use crate::math::Transform;
 use crate::replace::try_replace_entry;
+use crate::texture::cache::least_budget;
+use crate::texture::cache_dir::{MakersLock, UNSETTLED};
+use crate::texture::convert::Failure;
 use crate::texture::convert::fingerprint::Stamp;
 use crate::texture::{Caching, FilePool, cache_dir, open_file_limit};
-use rayon::prelude::*;
+use rayon::ThreadPool;
 use std::fs::DirBuilder;
 use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 use xxhash_rust::xxh3::xxh3_64;
+
+/// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
+const LEAST_PAGED: u64 = 1024;
+/// Bytes that meshes are cut in at least, whatever the budget.
+const LEAST_MEMORY: u64 = 32 << 20;
 
 /// Makes page files of one size.
 pub(crate) struct PageMaker {
+    /// The cache directory, and that of page files in it.
+    root: PathBuf,
     directory: PathBuf,
     page_bytes: usize,
+    /// Bytes that pages and all else will have.
+    budget: u64,
     files: Arc<FilePool>,
+    pool: ThreadPool,
+    memory: CutMemory,
 }
 
 /// What a page file is made of.
@@ -43,9 +62,20 @@ pub(crate) struct Named {
     stamp: Stamp,
 }
 
-/// A file that changed within this time may change again without a new time stamp: clocks of file
-/// systems are as coarse as two seconds (FAT).
-const UNSETTLED: Duration = Duration::from_secs(3);
+impl Named {
+    /// The lock of whoever makes it, one of few.
+    pub(super) fn lock_name(&self) -> String {
+        format!("pages-{:02x}", self.key >> 56)
+    }
+}
+
+/// What became of a mesh.
+pub(crate) enum Made {
+    /// It is on disk.
+    Pages(PagedMesh, PageFile),
+    /// It is too small to be cut.
+    Stays(Mesh),
+}
 
 impl Source<'_> {
     /// Names the mesh as it is now, with all that its pages depend on.
@@ -65,21 +95,46 @@ impl Source<'_> {
 }
 
 impl PageMaker {
-    /// Files in `directory` (the user's cache directory if not given), of pages of `page_bytes`.
+    /// Files in `directory` (the user's cache directory if not given), of pages of `page_bytes`, for a render in `budget`
+    /// bytes by as many threads as there are here.
     ///
     /// # Errors
     /// [`Error::Usage`] when there is no cache directory.
-    pub(crate) fn new(directory: Option<&Path>, page_bytes: usize) -> Result<Self> {
-        let directory = match directory {
+    pub(crate) fn new(directory: Option<&Path>, page_bytes: usize, budget: u64) -> Result<Self> {
+        let root = match directory {
             Some(directory) => directory.to_path_buf(),
             None => cache_dir::default_dir()?,
         };
-        let files = Arc::new(FilePool::new(open_file_limit(), Caching::Direct));
-        Ok(Self { directory: directory.join("pages"), page_bytes, files })
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(rayon::current_num_threads())
+            .thread_name(|i| format!("cut-{i}"))
+            .build()
+            .map_err(|e| Error::Resource(format!("no threads to cut meshes: {e}")))?;
+        Ok(Self {
+            directory: root.join("pages"),
+            root,
+            page_bytes,
+            budget,
+            files: Arc::new(FilePool::new(open_file_limit(), Caching::Direct)),
+            pool,
+            memory: CutMemory::new((budget / 4).max(LEAST_MEMORY)),
+        })
     }
 
-    fn path(&self, key: u64) -> PathBuf {
-        self.directory.join(format!("{key:016x}.pages"))
+    /// The same with so many bytes to cut in.
+    #[cfg(test)]
+    pub(super) fn within(mut self, bytes: u64) -> Self {
+        self.memory = CutMemory::new(bytes);
+        self
+    }
+
+    /// Most bytes that meshes have been cut in at once.
+    pub(crate) fn most_lent(&self) -> u64 {
+        self.memory.most_lent()
+    }
+
+    pub(super) fn path(&self, named: &Named) -> PathBuf {
+        self.directory.join(format!("{:016x}.pages", named.key))
     }
 
     /// `source` as it is now, before it is read.
@@ -92,23 +147,42 @@ impl PageMaker {
 
     /// The pages of what has this name, if they have been made.
     pub(crate) fn find(&self, named: &Named) -> Option<(PagedMesh, PageFile)> {
-        file::open(&self.path(named.key), named.key, self.page_bytes, &self.files)
+        file::open(&self.path(named), named.key, self.page_bytes, &self.files)
     }
 
-    /// Makes the pages of `mesh`, which was read from `source` after that was given its name.
+    /// Reads `source`, which was given its name, and makes its pages.
     ///
     /// # Errors
-    /// [`Error::Input`] when the source has changed since; [`Error::Resource`] when the directory cannot take them.
+    /// Those of reading; [`Error::Input`] when the source has changed since; [`Error::Usage`] when the budget is too
+    /// small for pages at all; [`Error::Resource`] when the directory cannot take them; [`Error::Interrupted`] when
+    /// `stop` says so.
     pub(crate) fn make(
         &self,
         source: &Source<'_>,
         named: &Named,
-        mesh: &Mesh,
-    ) -> Result<(PagedMesh, PageFile)> {
-        named.stamp.check(source.path)?;
-        let key = named.key;
-        let path = self.path(key);
-        let pages = self.pages(mesh);
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Made> {
+        std::thread::scope(|scope| match scope.spawn(|| self.make_here(source, named, stop)).join() {
+            Ok(made) => made,
+            Err(panic) => std::panic::resume_unwind(panic),
+        })
+    }
+
+    fn make_here(
+        &self,
+        source: &Source<'_>,
+        named: &Named,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Made> {
+        let go_on = || if stop() { Err(Error::Interrupted) } else { Ok(()) };
+        // What cannot be made here is said when it is needed.
+        let _ = DirBuilder::new().recursive(true).mode(0o700).create(&self.root);
+        let lock = MakersLock::open(&self.root, &named.lock_name());
+        lock.wait(go_on)?;
+        // Whoever had the lock before may have made it.
+        if let Some((mesh, file)) = self.find(named) {
+            return Ok(Made::Pages(mesh, file));
+        }
         let cannot = |e: io::Error| {
             Error::Resource(format!(
                 "{}: cannot keep the pages of {}: {e}; make room there or name another directory with --cache-dir",
@@ -116,39 +190,69 @@ impl PageMaker {
                 source.path.display()
             ))
         };
-        DirBuilder::new().recursive(true).mode(0o700).create(&self.directory).map_err(cannot)?;
-        cache_dir::remove_leftovers(&self.directory);
-        let triangles = mesh.indices.len() as u64;
-        try_replace_entry(&path, |out| file::write(out, key, self.page_bytes, triangles, &pages))
-            .map_err(cannot)?;
-        file::open(&path, key, self.page_bytes, &self.files)
-            .ok_or_else(|| cannot(io::Error::other("what was written there is not what is read back")))
-    }
-
-    /// The pages of `mesh`, in order, none longer than a page may be.
-    fn pages(&self, mesh: &Mesh) -> Vec<(Vec<u8>, [[f32; 3]; 2])> {
-        let groups = cut(&mesh.positions, &mesh.indices, None, self.triangles_in_a_page(mesh));
-        groups.into_par_iter().flat_map_iter(|names| self.fitting(mesh, names)).collect()
-    }
-
-    /// A group as one page, or as several where vertices are shared less than elsewhere.
-    fn fitting(&self, mesh: &Mesh, names: Vec<u32>) -> Vec<(Vec<u8>, [[f32; 3]; 2])> {
-        let page = encode(mesh, &names);
-        if page.0.len() <= self.page_bytes {
-            return vec![page];
+        let directory = || {
+            DirBuilder::new().recursive(true).mode(0o700).create(&self.directory)?;
+            Ok(self.directory.as_path())
+        };
+        let asked = Asked {
+            go_on: &|triangles| {
+                go_on()?;
+                if triangles < LEAST_PAGED { Ok(()) } else { self.check_budget() }
+            },
+            stop,
+            directory: &directory,
+            cannot: &cannot,
+        };
+        let (kept, share) = collect(source.path, &self.memory, &asked)?;
+        let kept = match kept {
+            Kept::Memory(mesh) => Placed::Memory(place_mesh(mesh, source.to_world, source.reverse)),
+            Kept::Disk(disk) => Placed::Disk(disk),
+        };
+        match kept {
+            Placed::Memory(mesh) if (mesh.indices.len() as u64) < LEAST_PAGED => {
+                return Ok(Made::Stays(mesh));
+            }
+            Placed::Disk(disk) if disk.triangles() < LEAST_PAGED => {
+                let names: Vec<u32> = (0..disk.triangles() as u32).collect();
+                return Ok(Made::Stays(disk.part(&names, source).map_err(cannot)?));
+            }
+            _ => {}
         }
-        let halves = cut(&mesh.positions, &mesh.indices, Some(&names), names.len().div_ceil(2));
-        halves.into_iter().flat_map(|half| self.fitting(mesh, half)).collect()
+        named.stamp.check(source.path)?;
+        directory().map_err(cannot)?;
+        cache_dir::remove_leftovers(&self.directory);
+        let path = self.path(named);
+        let cutter = Cutter {
+            pool: &self.pool,
+            page_bytes: self.page_bytes,
+            source,
+            mesh: &kept,
+            directory: &self.directory,
+            bytes: share.bytes as usize,
+            stop,
+        };
+        let made = try_replace_entry(&path, |out| cutter.write(out, named.key));
+        made.map_err(|failure| match failure {
+            Failure::Source(e) => e,
+            Failure::Write(e) => cannot(e),
+        })?;
+        let (mesh, file) = self
+            .find(named)
+            .ok_or_else(|| cannot(io::Error::other("what was written there is not what is read back")))?;
+        Ok(Made::Pages(mesh, file))
     }
 
-    /// Triangles that a page has room for, by the mean of the mesh.
-    fn triangles_in_a_page(&self, mesh: &Mesh) -> usize {
-        let triangles = mesh.indices.len().max(1) as f64;
-        let attributes = (12 * (mesh.normals.len() + mesh.tangents.len()) + 8 * mesh.uvs.len()) as f64;
-        // 56 bytes of tree and corners of a block, 8 of places of corners; vertices on the edge of a page are there
-        // twice, which is what a fifth more is for.
-        let each = 56.0 + 8.0 + 1.2 * attributes / triangles;
-        ((self.page_bytes as f64 * 0.97 - 400.0) / each).clamp(1.0, crate::accel::bvh::MAX_TRIANGLES as f64)
-            as usize
+    /// Whether it can hold the fewest pages that do.
+    fn check_budget(&self) -> Result<()> {
+        let threads = self.pool.current_num_threads();
+        let least = least_budget(self.page_bytes, threads);
+        if self.budget >= least {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "a geometry memory of {} bytes is too small: --geometry-memory {least} at least, beside what stays; \
+             {threads} threads need two pages each",
+            self.budget
+        )))
     }
 }

@@ -4,10 +4,18 @@
 //! Invariant: a page's triangles are those of the mesh, bit for bit, so that the picture does not depend on what was
 //! resident. Never decides which meshes are paged: the loader does.
 
+mod collect;
+#[cfg(test)]
+mod cut_tests;
+mod cutter;
+mod disk;
 mod file;
 mod format;
 mod make;
+mod memory;
 mod residents;
+mod scratch;
+mod sort;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -17,7 +25,7 @@ pub use store::{HeldPages, PageStore};
 pub use file::PagedMesh;
 
 pub(super) use file::PageFile;
-pub(super) use make::{PageMaker, Source};
+pub(super) use make::{Made, PageMaker, Source};
 
 /// Bytes of a page unless told otherwise: some 900 triangles, a read of 20 µs.
 pub const DEFAULT_PAGE_BYTES: usize = 64 << 10;

@@ -4,7 +4,7 @@ use super::format::{encode, is_whole, read_triangle};
 use super::make::{PageMaker, Source};
 use super::store::PageStore;
 use super::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
-use crate::accel::bvh::{BvhScene, Form, PageView, cut};
+use crate::accel::bvh::{BvhScene, Centre, Form, PageView, cut};
 use crate::accel::{Accel, Custom, Geometry, Hit, NONE, Pages, Ray};
 use crate::geometry::Mesh;
 use crate::math::Transform;
@@ -29,7 +29,7 @@ impl Custom for NoCustom {
 }
 
 /// A wavy sheet of 2·n² triangles with all attributes.
-fn sheet(n: u32) -> Mesh {
+pub(super) fn sheet(n: u32) -> Mesh {
     let mut mesh = Mesh::default();
     for y in 0..=n {
         for x in 0..=n {
@@ -47,23 +47,65 @@ fn sheet(n: u32) -> Mesh {
         }
     }
     // Two that no ray can hit, and one twice.
-    mesh.positions.push([f32::NAN, 0.0, 0.0]);
+    mesh.positions.push([1e30, 0.0, 0.0]);
     mesh.normals.push([0.0, 0.0, 1.0]);
     mesh.uvs.push([0.0; 2]);
     mesh.tangents.push([1.0, 0.0, 0.0]);
     let odd = mesh.positions.len() as u32 - 1;
-    mesh.indices.extend([[0, 1, odd], [odd; 3], mesh.indices[5]]);
+    mesh.indices.extend([[0, 1, odd], [odd, 3, 4], mesh.indices[5]]);
     mesh
 }
 
+/// A PLY file of `faces` over the vertices of `mesh`.
+pub(super) fn ply(mesh: &Mesh, faces: &[Vec<u32>], format: &str) -> Vec<u8> {
+    let mut out = format!("ply\nformat {format} 1.0\nelement vertex {}\n", mesh.positions.len());
+    let mut columns = vec!["x", "y", "z"];
+    columns.extend(if mesh.normals.is_empty() { &[][..] } else { &["nx", "ny", "nz"] });
+    columns.extend(if mesh.uvs.is_empty() { &[][..] } else { &["u", "v"] });
+    columns.iter().for_each(|name| out += &format!("property float {name}\n"));
+    out += &format!("element face {}\nproperty list uchar int vertex_indices\nend_header\n", faces.len());
+    let mut out = out.into_bytes();
+    let (text, big) = (format == "ascii", format == "binary_big_endian");
+    let put = |out: &mut Vec<u8>, bits: u32, number: String| match (text, big) {
+        (true, _) => out.extend_from_slice(format!("{number} ").as_bytes()),
+        (_, true) => out.extend_from_slice(&bits.to_be_bytes()),
+        (_, false) => out.extend_from_slice(&bits.to_le_bytes()),
+    };
+    for i in 0..mesh.positions.len() {
+        let (normal, uv) = (mesh.normals.get(i), mesh.uvs.get(i));
+        let attributes = normal.into_iter().flatten().chain(uv.into_iter().flatten());
+        mesh.positions[i].iter().chain(attributes).for_each(|c| put(&mut out, c.to_bits(), c.to_string()));
+    }
+    for face in faces {
+        let count = face.len() as u8;
+        out.extend_from_slice(if text { format!("\n{count} ").into_bytes() } else { vec![count] }.as_slice());
+        face.iter().for_each(|&c| put(&mut out, c, c.to_string()));
+    }
+    out
+}
+
+/// The triangles of `mesh` as they stand.
+pub(super) fn triangles(mesh: &Mesh) -> Vec<Vec<u32>> {
+    mesh.indices.iter().map(|t| t.to_vec()).collect()
+}
+
+pub(super) const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
+
 #[test]
 fn every_triangle_that_can_be_hit_is_in_one_page_with_its_attributes() {
-    let mesh = sheet(60);
+    let mut mesh = sheet(60);
+    *mesh.positions.last_mut().expect("the odd one") = [f32::NAN, 0.0, 0.0];
     let mut seen = BTreeSet::new();
-    let groups = cut(&mesh.positions, &mesh.indices, None, 500);
-    assert_eq!(groups.len(), mesh.indices.len().div_ceil(500), "pages are full");
-    for names in groups {
-        let (bytes, _) = encode(&mesh, &names);
+    let corners = |name: u32| mesh.indices[name as usize].map(|c| mesh.positions[c as usize]);
+    let all = 0..mesh.indices.len() as u32;
+    let mut centres: Vec<Centre> = all.filter_map(|name| Centre::of(corners(name), name)).collect();
+    let ends = cut(&mut centres, 500);
+    assert_eq!(ends.len(), mesh.indices.len().div_ceil(500), "pages are full");
+    let mut start = 0;
+    for end in ends {
+        let names: Vec<u32> = centres[start..end].iter().map(|c| c.name).collect();
+        start = end;
+        let (bytes, _) = encode(&mesh, &names, |n| n);
         assert!(is_whole(&bytes));
         let mut room = vec![0u8; bytes.len() + 64];
         let start = room.as_ptr().align_offset(64);
@@ -93,7 +135,7 @@ fn every_triangle_that_can_be_hit_is_in_one_page_with_its_attributes() {
 fn a_damaged_page_is_known() {
     let mesh = sheet(8);
     let names: Vec<u32> = (0..100).collect();
-    let (bytes, _) = encode(&mesh, &names);
+    let (bytes, _) = encode(&mesh, &names, |n| n);
     for at in (0..bytes.len()).step_by(37) {
         let mut damaged = bytes.clone();
         damaged[at] ^= 16;
@@ -113,11 +155,12 @@ fn a_mesh_that_changes_while_it_is_read_is_not_cut() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("sheet.ply");
     std::fs::write(&path, "stands for a mesh").expect("writable");
-    let maker = PageMaker::new(Some(folder.path()), LEAST_PAGE_BYTES).expect("a folder is given");
+    let maker = PageMaker::new(Some(folder.path()), LEAST_PAGE_BYTES, u64::MAX).expect("a folder is given");
     let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
     let named = maker.name(&source).expect("the source is there");
-    std::fs::write(&path, "stands for another mesh").expect("writable");
-    let error = maker.make(&source, &named, &sheet(4)).err().expect("it has changed");
+    let mesh = sheet(30);
+    std::fs::write(&path, ply(&mesh, &triangles(&mesh), "ascii")).expect("writable");
+    let error = maker.make(&source, &named, NEVER).err().expect("it has changed");
     assert!(error.to_string().contains("changed while it was read"), "{error}");
     assert!(!folder.path().join("pages").exists());
 }
@@ -136,8 +179,9 @@ fn a_page_that_has_become_unreadable_is_no_panic() {
 fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("sheet.ply");
-    std::fs::write(&path, "stands for a mesh").expect("writable");
-    let mesh = sheet(70);
+    let mut mesh = sheet(70);
+    mesh.tangents.clear();
+    std::fs::write(&path, ply(&mesh, &triangles(&mesh), "binary_little_endian")).expect("writable");
     let indices = &mesh.indices[..];
     let whole = [
         Geometry::Triangles { positions: &mesh.positions, indices: &[], alpha: None },
@@ -145,11 +189,11 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     ];
     let whole = BvhScene::new(&whole, &[], &[], &NoCustom, None, Form::best()).expect("few triangles");
     for page_bytes in [LEAST_PAGE_BYTES, 16 << 10, MOST_PAGE_BYTES] {
-        let maker = PageMaker::new(Some(folder.path()), page_bytes).expect("a folder is given");
+        let maker = PageMaker::new(Some(folder.path()), page_bytes, u64::MAX).expect("a folder is given");
         let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
         let named = maker.name(&source).expect("the source is there");
         assert!(maker.find(&named).is_none(), "nothing is made yet");
-        drop(maker.make(&source, &named, &mesh).expect("room in the folder"));
+        drop(maker.make(&source, &named, NEVER).expect("room in the folder"));
         let (paged, file) = maker.find(&named).expect("it has been made");
         assert_eq!(paged.triangles, mesh.indices.len() as u64);
         let store = PageStore::new(vec![file], page_bytes).expect("few pages");

@@ -1,17 +1,19 @@
-//! The records of a PLY file. Two loops are fast because real files use them: fixed-size binary
-//! vertices whose wanted columns are all floats, and binary triangles as `uchar` + 3 × 32 bits.
+//! The records of a PLY file: numbers, elements that nobody wants, and faces. One loop is fast because real files use
+//! it: binary triangles as `uchar` + 3 × 32 bits.
 
 use super::header::{Element, Format, Header, Property, Scalar, Type};
 use super::stream::Stream;
-use super::{Result, reserve_for};
+use super::{MeshSink, Result, reserve_for};
 use crate::scene::TriangleMesh;
 use crate::scene::polygon;
 
+/// Vertices, or faces, after which those that are read one by one are handed on.
+pub(super) const PIECE: usize = 4096;
 /// Longest list of a face; a count above it is damage.
 const MAX_CORNERS: u64 = 1 << 20;
 
 #[inline(always)]
-fn f32_at(record: &[u8], at: usize, big: bool) -> f32 {
+pub(super) fn f32_at(record: &[u8], at: usize, big: bool) -> f32 {
     let b = [record[at], record[at + 1], record[at + 2], record[at + 3]];
     if big { f32::from_be_bytes(b) } else { f32::from_le_bytes(b) }
 }
@@ -37,7 +39,7 @@ fn scalar_at(b: &[u8], kind: Scalar, big: bool) -> f64 {
 }
 
 /// One number, of text or of bytes. Every PLY integer is exact in f64.
-fn read_scalar(stream: &mut Stream, format: Format, kind: Scalar) -> Result<f64> {
+pub(super) fn read_scalar(stream: &mut Stream, format: Format, kind: Scalar) -> Result<f64> {
     if format == Format::Ascii {
         return stream.token(|word| std::str::from_utf8(word).ok()?.parse().ok());
     }
@@ -55,7 +57,7 @@ fn read_count(stream: &mut Stream, format: Format, kind: Scalar, what: &str) -> 
     Err(stream.error(format!("{what}: a list of length {n}")))
 }
 
-fn skip_property(stream: &mut Stream, format: Format, p: &Property, what: &str) -> Result<()> {
+pub(super) fn skip_property(stream: &mut Stream, format: Format, p: &Property, what: &str) -> Result<()> {
     match p.kind {
         Type::Scalar(s) => read_scalar(stream, format, s).map(drop),
         Type::List { count, item } => {
@@ -87,143 +89,23 @@ pub(super) fn skip_element(stream: &mut Stream, header: &Header, e: &Element) ->
     Ok(())
 }
 
-/// Which properties of `vertex` are wanted.
-struct Columns {
-    position: [usize; 3],
-    normal: Option<[usize; 3]>,
-    uv: Option<[usize; 2]>,
-}
-
-impl Columns {
-    fn of(stream: &Stream, e: &Element) -> Result<Self> {
-        let one = |names: &[&str]| e.find(names).filter(|&i| matches!(e.properties[i].kind, Type::Scalar(_)));
-        let (Some(x), Some(y), Some(z)) = (one(&["x"]), one(&["y"]), one(&["z"])) else {
-            return Err(stream.error_at_line(e.line, "element vertex has no properties x, y and z"));
-        };
-        let normal = one(&["nx"]).zip(one(&["ny"])).zip(one(&["nz"]));
-        let uv = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]]
-            .iter()
-            .find_map(|[u, v]| one(&[u]).zip(one(&[v])));
-        Ok(Self {
-            position: [x, y, z],
-            normal: normal.map(|((x, y), z)| [x, y, z]),
-            uv: uv.map(|(u, v)| [u, v]),
-        })
-    }
-
-    fn all(&self) -> impl Iterator<Item = usize> {
-        self.position
-            .into_iter()
-            .chain(self.normal.into_iter().flatten())
-            .chain(self.uv.into_iter().flatten())
+/// Which property has the corners, and how long they and their number are.
+fn corners(e: &Element) -> Option<(usize, Scalar, Scalar)> {
+    let i = e.find(&["vertex_indices", "vertex_index"])?;
+    match e.properties[i].kind {
+        Type::List { count, item } => Some((i, count, item)),
+        Type::Scalar(_) => None,
     }
 }
 
-/// Reads the vertices' columns.
-pub(super) fn read_vertices(
-    stream: &mut Stream,
+/// Room for all triangles that the header claims and the file may have.
+pub(super) fn make_room_for_triangles(
+    stream: &Stream,
     header: &Header,
     e: &Element,
     mesh: &mut TriangleMesh,
-) -> Result<()> {
-    let columns = Columns::of(stream, e)?;
-    let room = reserve_for(e, stream);
-    mesh.positions.reserve_exact(room + 1);
-    if columns.normal.is_some() {
-        mesh.normals.reserve_exact(room);
-    }
-    if columns.uv.is_some() {
-        mesh.uvs.reserve_exact(room);
-    }
-    let float = |i: usize| e.properties[i].kind == Type::Scalar(Scalar::F32);
-    match e.fixed_bytes() {
-        Some(stride) if header.format != Format::Ascii && columns.all().all(float) => {
-            let mut offsets = vec![0; e.properties.len()];
-            let mut at = 0;
-            for (offset, p) in offsets.iter_mut().zip(&e.properties) {
-                *offset = at;
-                if let Type::Scalar(s) = p.kind {
-                    at += s.bytes();
-                }
-            }
-            let big = header.format == Format::Big;
-            fast_vertices(stream, e, &columns, &offsets, stride, big, mesh)
-        }
-        _ => any_vertices(stream, header, e, &columns, mesh),
-    }
-}
-
-fn fast_vertices(
-    stream: &mut Stream,
-    e: &Element,
-    columns: &Columns,
-    offsets: &[usize],
-    stride: usize,
-    big: bool,
-    mesh: &mut TriangleMesh,
-) -> Result<()> {
-    let mut left = e.count;
-    while left > 0 {
-        let bytes = stream.fill(stride)?;
-        let n = ((bytes.len() / stride) as u64).min(left);
-        if n == 0 {
-            let i = e.count - left;
-            return Err(stream.error(format!("vertex {i} of {}: the file ends in it", e.count)));
-        }
-        let records = bytes[..n as usize * stride].chunks_exact(stride);
-        let get3 = |c: [usize; 3]| {
-            let [x, y, z] = c.map(|i| offsets[i]);
-            records.clone().map(move |r| [f32_at(r, x, big), f32_at(r, y, big), f32_at(r, z, big)])
-        };
-        mesh.positions.extend(get3(columns.position));
-        if let Some(normal) = columns.normal {
-            mesh.normals.extend(get3(normal));
-        }
-        if let Some([u, v]) = columns.uv.map(|c| c.map(|i| offsets[i])) {
-            mesh.uvs.extend(records.clone().map(|r| [f32_at(r, u, big), f32_at(r, v, big)]));
-        }
-        stream.consume(n as usize * stride);
-        left -= n;
-    }
-    Ok(())
-}
-
-fn any_vertices(
-    stream: &mut Stream,
-    header: &Header,
-    e: &Element,
-    columns: &Columns,
-    mesh: &mut TriangleMesh,
-) -> Result<()> {
-    let mut values = vec![0.0f32; e.properties.len()];
-    for i in 0..e.count {
-        for (p, value) in e.properties.iter().zip(&mut values) {
-            match p.kind {
-                Type::Scalar(s) => *value = read_scalar(stream, header.format, s)? as f32,
-                Type::List { .. } => skip_property(stream, header.format, p, &format!("vertex {i}"))?,
-            }
-        }
-        mesh.positions.push(columns.position.map(|c| values[c]));
-        mesh.normals.extend(columns.normal.map(|n| n.map(|c| values[c])));
-        mesh.uvs.extend(columns.uv.map(|n| n.map(|c| values[c])));
-    }
-    Ok(())
-}
-
-/// Reads the faces as triangles.
-pub(super) fn read_faces(
-    stream: &mut Stream,
-    header: &Header,
-    e: &Element,
-    mesh: &mut TriangleMesh,
-) -> Result<()> {
-    let list = e.find(&["vertex_indices", "vertex_index"]).map(|i| (i, e.properties[i].kind));
-    let Some((list, Type::List { count, item })) = list else {
-        return Err(stream.error_at_line(e.line, "element face has no list vertex_indices"));
-    };
-    if matches!(item, Scalar::F32 | Scalar::F64) {
-        return Err(stream.error_at_line(e.line, "vertex_indices are floats; integers are needed"));
-    }
+) {
+    let Some((_, _, item)) = corners(e) else { return };
     // A face that is a triangle takes at least this much; lists of fewer corners give none.
     let triangle_bytes = if header.format == Format::Ascii {
         8
@@ -232,6 +114,23 @@ pub(super) fn read_faces(
     };
     let room = stream.bytes_left().map_or(u64::MAX, |b| b / triangle_bytes);
     mesh.indices.reserve_exact((reserve_for(e, stream) as u64).min(room) as usize);
+}
+
+/// Reads the faces as triangles between the first `vertices` vertices.
+pub(super) fn read_faces(
+    stream: &mut Stream,
+    header: &Header,
+    e: &Element,
+    vertices: u64,
+    mesh: &mut TriangleMesh,
+    sink: &mut impl MeshSink,
+) -> Result<()> {
+    let Some((list, count, item)) = corners(e) else {
+        return Err(stream.error_at_line(e.line, "element face has no list vertex_indices"));
+    };
+    if matches!(item, Scalar::F32 | Scalar::F64) {
+        return Err(stream.error_at_line(e.line, "vertex_indices are floats; integers are needed"));
+    }
 
     let mut done = 0;
     let single = e.properties.len() == 1 && count.bytes() == 1 && item.bytes() == 4;
@@ -239,7 +138,8 @@ pub(super) fn read_faces(
     let mut split = Vec::new();
     while done < e.count {
         if single && header.format != Format::Ascii {
-            done += fast_triangles(stream, e, done, header.format == Format::Big, mesh)?;
+            let big = header.format == Format::Big;
+            done += fast_triangles(stream, e, done, vertices, big, mesh, sink)?;
             if done == e.count {
                 break;
             }
@@ -257,29 +157,36 @@ pub(super) fn read_faces(
             }
             for _ in 0..n {
                 let index = read_scalar(stream, header.format, item)?;
-                if !(index >= 0.0 && index < mesh.positions.len() as f64 && index.fract() == 0.0) {
-                    return Err(bad_index(stream, done, index, mesh));
+                if !(index >= 0.0 && index < vertices as f64 && index.fract() == 0.0) {
+                    return Err(bad_index(stream, done, index, vertices));
                 }
                 corners.push(index as u32);
             }
         }
-        add_polygon(&corners, mesh, &mut split);
+        add_polygon(&corners, mesh, &mut split, sink)?;
         done += 1;
+        if done.is_multiple_of(PIECE as u64) || done == e.count {
+            sink.grown(mesh)?;
+        }
     }
     Ok(())
 }
 
-fn bad_index(stream: &Stream, face: u64, index: f64, mesh: &TriangleMesh) -> crate::error::Error {
-    let n = mesh.positions.len();
-    stream.error(format!("face {face} names vertex {index}; there are {n}, counted from 0"))
+fn bad_index(stream: &Stream, face: u64, index: f64, vertices: u64) -> crate::error::Error {
+    stream.error(format!("face {face} names vertex {index}; there are {vertices}, counted from 0"))
 }
 
-fn add_polygon(corners: &[u32], mesh: &mut TriangleMesh, split: &mut Vec<[u32; 3]>) {
+fn add_polygon(
+    corners: &[u32],
+    mesh: &mut TriangleMesh,
+    split: &mut Vec<[u32; 3]>,
+    sink: &mut impl MeshSink,
+) -> Result<()> {
     split.clear();
     if corners.len() == 3 {
         split.push([0, 1, 2]);
     } else {
-        let points: Vec<[f32; 3]> = corners.iter().map(|&c| mesh.positions[c as usize]).collect();
+        let points = corners.iter().map(|&c| sink.position(mesh, c)).collect::<Result<Vec<_>>>()?;
         polygon::triangulate(&points, split);
     }
     for t in split.iter() {
@@ -288,6 +195,7 @@ fn add_polygon(corners: &[u32], mesh: &mut TriangleMesh, split: &mut Vec<[u32; 3
             mesh.indices.push(t);
         }
     }
+    Ok(())
 }
 
 /// Reads triangles until the first face that is not one; returns how many faces it read.
@@ -295,11 +203,13 @@ fn fast_triangles(
     stream: &mut Stream,
     e: &Element,
     done: u64,
+    vertices: u64,
     big: bool,
     mesh: &mut TriangleMesh,
+    sink: &mut impl MeshSink,
 ) -> Result<u64> {
     const STRIDE: usize = 13;
-    let limit = mesh.positions.len() as u32;
+    let limit = u32::try_from(vertices).expect("the header's check lets no more through");
     let mut read = 0;
     loop {
         let bytes = stream.fill(STRIDE)?;
@@ -328,8 +238,9 @@ fn fast_triangles(
         stream.consume(n * STRIDE);
         read += n as u64;
         if let Some(index) = bad {
-            return Err(bad_index(stream, done + read, f64::from(index), mesh));
+            return Err(bad_index(stream, done + read, f64::from(index), vertices));
         }
+        sink.grown(mesh)?;
         if n < most || most == 0 {
             return Ok(read);
         }

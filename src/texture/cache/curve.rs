@@ -19,6 +19,7 @@ impl TileCache {
             peak: self.peak(),
             index_bytes: self.index_bytes(),
             buffer_bytes: self.scratch_bytes(),
+            making_bytes: 0,
             total: CacheRow::from(&total),
             knee: self.knee(&total),
             by_depth: counts.depths.iter().map(CacheRow::from).collect(),

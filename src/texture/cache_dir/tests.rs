@@ -1,6 +1,8 @@
 //! The conversion cache: what it keeps, what it makes again, and what it does under contention.
 
+use super::lock::PATIENCE;
 use super::*;
+use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 fn source(directory: &Path, seed: u8) -> PathBuf {
