@@ -1,7 +1,7 @@
 //! The report as text, and how numbers are written for people.
 
 use super::cache::write_cache;
-use crate::stats::RenderStats;
+use crate::stats::{RenderStats, SchedulerStats};
 use std::io::{self, Write};
 
 /// Seconds, three digits: `0.312 s`, `12.3 s`, `2 min 03 s`, `1 h 05 min`.
@@ -58,6 +58,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     let RenderStats {
         weir,
         scene,
+        command: _,
         settings,
         plan,
         time,
@@ -66,7 +67,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         memory,
         texture_cache,
         geometry_cache,
-        scheduler: _,
+        scheduler,
         // A curve is not for text; what it says stands with its cache.
         miss_ratio: _,
         threads,
@@ -144,6 +145,34 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     let words = [("textures", "tile"), ("geometry", "page")];
     for (cache, words) in [texture_cache, geometry_cache].into_iter().zip(words) {
         cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, words, out))?;
+    }
+    write_scheduler(scheduler, out)
+}
+
+fn write_scheduler(stats: &SchedulerStats, out: &mut impl Write) -> io::Result<()> {
+    if stats.name.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "scheduler {}: {}", stats.name, stats.because)?;
+    writeln!(
+        out,
+        "          {} batches, at most {} paths in flight",
+        count(stats.batches as f64),
+        count(stats.paths_in_flight_peak as f64)
+    )?;
+    if stats.ray_memory > 0 {
+        let (peak, allowed) = (bytes(stats.ray_memory_peak), bytes(stats.ray_memory));
+        writeln!(out, "          rays that wait took {peak} of {allowed}")?;
+    }
+    if stats.voxels > 0 {
+        let [x, y, z] = stats.grid;
+        writeln!(
+            out,
+            "          {} voxels of {x} × {y} × {z} hold geometry; {} visits, {} rays a visit",
+            count(stats.voxels as f64),
+            count(stats.voxel_visits as f64),
+            count(stats.rays_per_visit)
+        )?;
     }
     Ok(())
 }

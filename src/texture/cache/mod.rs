@@ -19,7 +19,7 @@ pub use thread::ThreadCache;
 pub use tile::least_budget;
 
 use crate::error::{Error, Result};
-use crate::stats::{KeyBuildHasher, StackDistances, sample_hash, spread};
+use crate::stats::{Gauge, KeyBuildHasher, StackDistances, sample_hash, spread};
 use lru::LruCache;
 use shard::{Abandon, Padded, PendingState, Shard};
 use std::collections::HashMap;
@@ -68,7 +68,7 @@ pub struct TileCache {
     latency: Duration,
     files: Vec<CachedFile>,
     shards: Box<[Padded<Mutex<Shard>>]>,
-    used: AtomicU64,
+    used: Gauge,
     peak: AtomicU64,
     kept: AtomicU64,
     /// Reads so far: the cache's time.
@@ -153,7 +153,7 @@ impl TileCache {
                     }))
                 })
                 .collect(),
-            used: AtomicU64::new(0),
+            used: Gauge::default(),
             peak: AtomicU64::new(0),
             kept: AtomicU64::new(0),
             clock: AtomicU64::new(0),
@@ -178,6 +178,12 @@ impl TileCache {
     pub fn fits_all(&self) -> bool {
         let all = |f: &CachedFile| u64::from(f.file.tile_count()).saturating_mul(cost(f.lines));
         self.files.iter().map(all).fold(0, u64::saturating_add) <= self.budget
+    }
+
+    /// Bytes that tiles take now, for whoever watches.
+    #[must_use]
+    pub fn used(&self) -> Gauge {
+        Gauge::clone(&self.used)
     }
 
     /// Most bytes that tiles have taken at once.
