@@ -213,8 +213,8 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     let stats = &mut outcome.stats;
     stats.time.write_s = write_start.elapsed().as_secs_f64();
     stats.time.total_s = start.elapsed().as_secs_f64();
-    stats.note_peak_memory();
     stats.memory.timeline = watch.map(MemoryWatch::finish).unwrap_or_default();
+    stats.note_peak_memory();
     stats.command = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     if let Some(path) = &options.stats {
         let mut json = serde_json::to_string_pretty(stats).expect("a record of plain data");

@@ -212,6 +212,33 @@ mod tests {
     }
 
     #[test]
+    fn a_scheduler_is_told_of_when_it_has_a_name() {
+        let mut stats = RenderStats::default();
+        stats.scheduler.voxels = 211;
+        let text = |stats: &RenderStats| {
+            let mut out = Vec::new();
+            write_text(stats, &mut out).expect("memory");
+            String::from_utf8(out).expect("text")
+        };
+        assert!(!text(&stats).contains("scheduler"));
+        let scheduler = &mut stats.scheduler;
+        scheduler.name = "voxel".to_owned();
+        scheduler.because = "pages come and go".to_owned();
+        (scheduler.batches, scheduler.paths_in_flight_peak, scheduler.grid) = (3, 900_000, [8, 4, 2]);
+        (scheduler.voxel_visits, scheduler.rays_per_visit) = (1200, 4560.0);
+        (scheduler.ray_memory, scheduler.ray_memory_peak) = (256_000_000, 201_000_000);
+        let text = text(&stats);
+        for needed in [
+            "scheduler voxel: pages come and go\n",
+            "3 batches, at most 900 k paths in flight",
+            "took 201 MB of 256 MB",
+            "211 voxels of 8 × 4 × 2 hold geometry; 1.20 k visits, 4.56 k rays a visit",
+        ] {
+            assert!(text.contains(needed), "{needed} is missing in:\n{text}");
+        }
+    }
+
+    #[test]
     fn the_report_names_every_room() {
         let mut stats = RenderStats { scene: "a.pbrt".to_owned(), busy: 0.985, ..RenderStats::default() };
         stats.memory.peak_rss = Some(210_000_000);

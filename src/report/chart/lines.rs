@@ -113,19 +113,14 @@ pub(in crate::report) fn lines(chart: &Lines) -> String {
         At(bottom + 33.0),
         with_unit(chart.titles.0, chart.x.unit)
     );
+    let mut over = String::new();
     for mark in &chart.level {
         let Some(at) = y(mark.at) else { continue };
-        let _ = write!(
-            out,
-            "<path class=\"mark s{}\" d=\"M{} {}H{}\"/><text class=\"value halo end\" x=\"{}\" y=\"{}\">{}</text>",
-            mark.colour,
-            At(LEFT),
-            At(at),
-            At(right),
-            At(right - 6.0),
-            At(at - 4.0),
-            escape(&mark.text)
-        );
+        let (left, right) = (At(LEFT), At(right));
+        let _ = write!(out, "<path class=\"mark s{}\" d=\"M{left} {}H{right}\"/>", mark.colour, At(at));
+        let (at, text) = (At(at - 4.0), escape(&mark.text));
+        // Over the lines, which would strike it through.
+        let _ = write!(over, "<text class=\"value halo end\" x=\"{right}\" y=\"{at}\">{text}</text>");
     }
     let mut names = Vec::new();
     for series in &chart.series {
@@ -162,6 +157,7 @@ pub(in crate::report) fn lines(chart: &Lines) -> String {
             escape(&series.name)
         );
     }
+    out += &over;
     strips(chart, &x, (top, bottom), &mut out);
     svg((WIDTH, bottom + 40.0), &chart.what, &out)
 }

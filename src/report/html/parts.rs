@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::fmt::Write;
 
 /// Rows of a table of numbers, at most; of more, every n-th.
-const ROWS: usize = 1024;
+const ROWS: usize = 4096;
 
 /// `value` as the JSON has it.
 pub(super) fn exact(value: &impl Serialize) -> String {
@@ -100,13 +100,13 @@ mod tests {
     #[test]
     fn tables_have_the_numbers_of_the_json_and_not_too_many_rows() {
         let list: Vec<Value> =
-            (0..3000).map(|i| json!({"at_s": 0.1 * f64::from(i), "name": "<b>"})).collect();
+            (0..9000).map(|i| json!({"at_s": 0.1 * f64::from(i), "name": "<b>"})).collect();
         let text = numbers("Times", "/a/b", &list, &[("at_s", "time"), ("name", "who"), ("none", "")]);
         assert!(text.contains("one row in 3"), "{}", &text[..200]);
         assert!(text.contains(
             "<tr data-row=\"/a/b/3\"><td>0.30000000000000004</td><td>&lt;b&gt;</td><td></td></tr>"
         ));
-        assert_eq!(text.matches("data-row").count(), 1000);
+        assert_eq!(text.matches("data-row").count(), 3000);
         assert!(!numbers("Times", "/a", &list[..10], &[]).contains("one row in"));
     }
 

@@ -128,7 +128,9 @@ fn projection(
 
 fn decisions(list: &[Decision]) -> String {
     let end = list.iter().map(|d| d.at_s).fold(0.0, f64::max);
-    let parts: [(&str, &'static str, Kind, bool, fn(&Decision) -> u64); 3] = [
+    /// Title, colour, what is counted, whether in dots, and the number.
+    type Panel = (&'static str, &'static str, Kind, bool, fn(&Decision) -> u64);
+    let panels: [Panel; 3] = [
         ("rays waiting in all queues", "c0", Kind::Count, false, |d| d.waiting),
         ("rays taken from the voxel's queue", "c1", Kind::Count, true, |d| d.rays),
         ("bytes of its pages thought absent", "c4", Kind::Bytes, true, |d| d.cost_bytes),
@@ -141,7 +143,7 @@ fn decisions(list: &[Decision]) -> String {
         )
     };
     let mut inside = String::new();
-    for (title, colour, kind, dots, of) in parts {
+    for (title, colour, kind, dots, of) in panels {
         let chart = Lines {
             what: format!("{title}, over time"),
             titles: ("rendering time", title),
