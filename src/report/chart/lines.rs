@@ -86,23 +86,18 @@ pub(in crate::report) fn lines(chart: &Lines) -> String {
             escape(label)
         );
     }
+    // Names of marks come over all lines, which would strike them through.
+    let mut over = String::new();
     for (i, mark) in chart.upright.iter().enumerate() {
         let Some(at) = x(mark.at) else { continue };
         let line = LINE * i as f64 + 11.0;
         let length = mark.text.chars().count() as f64 * CHARACTER;
         // To the right of its line where there is room.
         let (side, text) = if at + length < WIDTH { ("", at + 4.0) } else { (" end", at - 4.0) };
-        let _ = write!(
-            out,
-            "<path class=\"mark s{}\" d=\"M{} {}V{}\"/><text class=\"value{side}\" x=\"{}\" y=\"{}\">{}</text>",
-            mark.colour,
-            At(at),
-            At(line - 9.0),
-            At(bottom),
-            At(text),
-            At(line),
-            escape(&mark.text)
-        );
+        let (up, down) = (At(line - 9.0), At(bottom));
+        let _ = write!(out, "<path class=\"mark s{}\" d=\"M{} {up}V{down}\"/>", mark.colour, At(at));
+        let (text, line, said) = (At(text), At(line), escape(&mark.text));
+        let _ = write!(over, "<text class=\"value halo{side}\" x=\"{text}\" y=\"{line}\">{said}</text>");
     }
     let _ = write!(
         out,
@@ -113,13 +108,11 @@ pub(in crate::report) fn lines(chart: &Lines) -> String {
         At(bottom + 33.0),
         with_unit(chart.titles.0, chart.x.unit)
     );
-    let mut over = String::new();
     for mark in &chart.level {
         let Some(at) = y(mark.at) else { continue };
         let (left, right) = (At(LEFT), At(right));
         let _ = write!(out, "<path class=\"mark s{}\" d=\"M{left} {}H{right}\"/>", mark.colour, At(at));
         let (at, text) = (At(at - 4.0), escape(&mark.text));
-        // Over the lines, which would strike it through.
         let _ = write!(over, "<text class=\"value halo end\" x=\"{right}\" y=\"{at}\">{text}</text>");
     }
     let mut names = Vec::new();

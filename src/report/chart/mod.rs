@@ -16,7 +16,7 @@ pub(super) use lines::{Lines, Mark, Series, lines};
 use std::fmt;
 
 /// Width of a character of the charts' text, in their units: generous, since fonts differ.
-const CHARACTER: f64 = 7.6;
+const CHARACTER: f64 = 8.0;
 
 /// A coordinate, to a tenth; what is not finite is drawn at 0, what is far off not far.
 #[derive(Clone, Copy)]

@@ -80,7 +80,7 @@ fn threads(stats: &RenderStats) -> String {
         ),
         row("on a processor", 0.0, busy, "c1", format!("{} of all threads' time", exact(&stats.busy))),
     ];
-    let mut texts = format!("{} threads, ", number("/threads", &stats.threads, &stats.threads.to_string()));
+    let mut texts = format!("threads {}, ", number("/threads", &stats.threads, &stats.threads.to_string()));
     let busy = format!("{:.1} %", stats.busy * 100.0);
     let _ = write!(texts, "busy {}", number("/busy", &stats.busy, &busy));
     let mut add = |label: &str, pointer: &str, value: f64, colour| {
