@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::film::Image;
 use crate::scene::SceneDescription;
 use crate::settings::RenderSettings;
-use crate::stats::RenderStats;
+use crate::stats::{MemoryWatch, RenderStats};
 use std::sync::atomic::AtomicBool;
 
 /// How a caller watches and stops a render.
@@ -22,6 +22,8 @@ pub struct Control<'a> {
     pub cancel: &'a AtomicBool,
     /// Told about progress, from any thread, a few times a second at most.
     pub progress: &'a (dyn Fn(Progress) + Sync),
+    /// Told what memory to look at, if anybody wants it over time.
+    pub watch: Option<&'a MemoryWatch>,
 }
 
 /// What is going on.

@@ -107,7 +107,8 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     }
     let bar = Bar::new(!options.quiet, None);
     interrupt::listen(bar.handle());
-    let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress) };
+    let control =
+        Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress), watch: None };
     let settings = RenderSettings {
         size: options.size,
         crop: options.crop,

@@ -11,10 +11,10 @@ use weir::error::{Error, Result};
 use weir::film::replace::{check_replaceable, replace_with_bytes};
 use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
-use weir::report::{attributes, bytes, count, seconds};
+use weir::report::{attributes, bytes, count, html_page, seconds};
 use weir::scene::{self, SceneDescription};
 use weir::settings::{Backend, Estimator, RenderSettings, Schedule, TextureFilter};
-use weir::stats::RenderStats;
+use weir::stats::{MemoryWatch, RenderStats};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -100,6 +100,9 @@ pub(crate) struct Options {
     /// Write what the render cost, as JSON
     #[arg(long, value_name = "FILE.json")]
     stats: Option<PathBuf>,
+    /// Write what the render cost as a page of charts, with the image
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print nothing but errors
     #[arg(short, long)]
     quiet: bool,
@@ -147,6 +150,16 @@ impl FilterName {
 }
 
 impl Options {
+    /// Files that say what the render cost.
+    fn records(&self) -> impl Iterator<Item = &Path> {
+        self.stats.iter().chain(&self.report).map(PathBuf::as_path)
+    }
+
+    /// Neither of them takes the place of `image`.
+    fn check_apart_from(&self, image: &Path) -> Result<()> {
+        self.records().try_for_each(|record| check_apart(image, record))
+    }
+
     /// As the library takes them.
     pub(super) fn settings(&self) -> RenderSettings {
         RenderSettings {
@@ -194,14 +207,16 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     let bar = Bar::new(!options.quiet, options.time);
     interrupt::listen(bar.handle());
     // Before the work, so that none is lost to a name that cannot be written.
-    let mut named = options.output.iter().chain(&options.stats);
+    let mut named = options.output.iter().map(PathBuf::as_path).chain(options.records());
     named.try_for_each(|path| check_not_input(path, &options.scene, "scene"))?;
-    if let Some(stats) = &options.stats {
-        options.output.iter().try_for_each(|image| check_apart(image, stats))?;
+    options.output.iter().try_for_each(|image| options.check_apart_from(image))?;
+    if let (Some(stats), Some(report)) = (&options.stats, &options.report) {
+        check_apart(stats, report)?;
     }
     options.output.iter().try_for_each(|path| check_writable(path))?;
-    options.stats.iter().try_for_each(|path| check_replaceable(path))?;
-    let result = load_and_render(options, &bar);
+    options.records().try_for_each(check_replaceable)?;
+    let watch = options.records().next().map(|_| MemoryWatch::new(start));
+    let result = load_and_render(options, &bar, watch.as_ref());
     bar.clear();
     let (parse_s, scene, mut outcome) = match result {
         Err(Error::Interrupted) => return nothing_to_write(),
@@ -223,23 +238,32 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     let stats = &mut outcome.stats;
     stats.time.write_s = write_start.elapsed().as_secs_f64();
     stats.time.total_s = start.elapsed().as_secs_f64();
+    stats.memory.timeline = watch.map(MemoryWatch::finish).unwrap_or_default();
     stats.note_peak_memory();
+    stats.command = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect();
     if let Some(path) = &options.stats {
         let mut json = serde_json::to_string_pretty(stats).expect("a record of plain data");
         json.push('\n');
         replace_with_bytes(path, json.as_bytes())?;
     }
+    if let Some(path) = &options.report {
+        replace_with_bytes(path, html_page(stats, Some(&outcome.image)).as_bytes())?;
+    }
     if !options.quiet {
         outcome.notes.iter().for_each(|line| note(&format!("warning: {line}")));
         note_what_is_odd(&outcome);
-        print(&summary(&outcome.stats, &outputs, options.stats.as_deref()))?;
+        print(&summary(&outcome.stats, &outputs, options.records()))?;
     }
     // Last, where nobody overlooks it: the image is there, but not as the scene wants it.
     outcome.unreadable.iter().for_each(|line| note(line));
     Ok(if outcome.unreadable.is_empty() { End::Done } else { End::BadInput })
 }
 
-fn load_and_render(options: &Options, bar: &Bar) -> Result<(f64, SceneDescription, Outcome)> {
+fn load_and_render(
+    options: &Options,
+    bar: &Bar,
+    watch: Option<&MemoryWatch>,
+) -> Result<(f64, SceneDescription, Outcome)> {
     let start = Instant::now();
     bar.update(weir::render::Progress::Phase("reading the scene"));
     let scene = scene::load(&options.scene)?;
@@ -253,10 +277,11 @@ fn load_and_render(options: &Options, bar: &Bar) -> Result<(f64, SceneDescriptio
     if options.output.is_empty() {
         let output = default_output(&scene);
         check_not_input(&output, &options.scene, "scene")?;
+        options.check_apart_from(&output)?;
         check_writable(&output)?;
     }
     interrupt::rendering();
-    let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress) };
+    let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress), watch };
     let outcome = render(&scene, &options.settings(), &control)?;
     interrupt::writing();
     Ok((parse_s, scene, outcome))
@@ -322,7 +347,7 @@ fn default_output(scene: &SceneDescription) -> PathBuf {
     }
 }
 
-fn summary(stats: &RenderStats, outputs: &[PathBuf], stats_file: Option<&Path>) -> String {
+fn summary<'a>(stats: &RenderStats, outputs: &[PathBuf], records: impl Iterator<Item = &'a Path>) -> String {
     let mut text = String::new();
     let image = &stats.image;
     for path in outputs {
@@ -336,7 +361,7 @@ fn summary(stats: &RenderStats, outputs: &[PathBuf], stats_file: Option<&Path>) 
             if image.spp == 1 { "" } else { "s" }
         );
     }
-    if let Some(path) = stats_file {
+    for path in records {
         let _ = writeln!(text, "wrote {}", path.display());
     }
     let _ = writeln!(
@@ -377,7 +402,7 @@ mod tests {
         stats.time.render_s = 0.5;
         stats.time.total_s = 1.25;
         stats.memory.peak_rss = Some(21_000_000);
-        let text = summary(&stats, &["a.exr".into(), "b.png".into()], Some(Path::new("s.json")));
+        let text = summary(&stats, &["a.exr".into(), "b.png".into()], [Path::new("s.json")].into_iter());
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 4);
         assert!(lines[0].starts_with("wrote a.exr") && lines[2] == "wrote s.json");

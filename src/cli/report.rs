@@ -1,10 +1,11 @@
-//! `weir report`: the statistics of a render as text.
+//! `weir report`: the statistics of a render as text, or as a page.
 
-use crate::cli::{End, print};
+use crate::cli::{End, check_not_input, print};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use weir::error::{Error, Location, Result};
-use weir::report::write_text;
+use weir::replace::{check_replaceable, replace_with_bytes};
+use weir::report::{html_page, write_text};
 use weir::stats::RenderStats;
 
 /// Larger than any record of ours; bounds memory.
@@ -16,11 +17,22 @@ const MAX_BYTES: u64 = 64 << 20;
 pub(crate) struct Options {
     /// File that `weir render --stats` wrote
     stats: PathBuf,
+    /// Write them as a page of charts instead; the image is not in the statistics, and not in the page
+    #[arg(short, long = "output", value_name = "FILE.html")]
+    output: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub(crate) fn run(options: &Options) -> Result<End> {
+    if let Some(path) = &options.output {
+        check_not_input(path, &options.stats, "record")?;
+        check_replaceable(path)?;
+    }
     let stats = read(&options.stats)?;
+    if let Some(path) = &options.output {
+        replace_with_bytes(path, html_page(&stats, None).as_bytes())?;
+        return print(&format!("wrote {}\n", path.display()));
+    }
     let mut text = Vec::new();
     write_text(&stats, &mut text).expect("memory takes every write");
     print(&String::from_utf8_lossy(&text))

@@ -71,7 +71,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 pub fn write_image(path: &Path, image: &Image, attributes: &[(String, Attribute)]) -> Result<()> {
     match Format::of(path)? {
         Format::Exr => replace_file(path, |out| write_exr(out, image, attributes)),
-        Format::Png => replace_file(path, |out| write_png(out, image)),
+        Format::Png => replace_file(path, |out| encode_png(out, image)),
         Format::Pfm => replace_file(path, |out| write_pfm(out, image)),
     }
 }
@@ -111,7 +111,11 @@ fn write_exr(out: &mut BufWriter<File>, image: &Image, attributes: &[(String, At
     })
 }
 
-fn write_png(out: &mut BufWriter<File>, image: &Image) -> io::Result<()> {
+/// `image` as a PNG: 8-bit sRGB, clipped.
+///
+/// # Errors
+/// Those of `out`.
+pub fn encode_png(out: impl Write, image: &Image) -> io::Result<()> {
     let bytes: Vec<u8> = image.pixels.iter().flatten().map(|&c| linear_to_byte(c)).collect();
     image::codecs::png::PngEncoder::new(out)
         .write_image(&bytes, image.width, image.height, image::ExtendedColorType::Rgb8)

@@ -47,6 +47,10 @@ pub(super) fn render(
     stats.time.build_s = build_start.elapsed().as_secs_f64();
     let staying = geometry.bytes() + accel.bytes();
     open_pages(geometry, staying, settings, threads)?;
+    if let Some(watch) = control.watch {
+        let tiles = textures.store().cache().map(|(cache, _)| cache.used());
+        watch.follow(tiles, geometry.pages.as_ref().map(PageStore::used), staying);
+    }
     stats.plan.bytes.geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
     stats.plan.bytes.textures = textures.store().all_bytes();
 

@@ -11,6 +11,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
     let RenderStats {
         weir,
         scene,
+        command: _,
         settings,
         plan,
         time,
@@ -54,7 +55,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
     let ImageStats { width: _, height: _, spp, samples, non_finite_samples, pixels_without_samples: _ } =
         *image;
     let RayStats { closest, occluded, per_second } = *rays;
-    let MemoryStats { budget: _, peak_accounted: _, peak_rss, unaccounted: _ } = *memory;
+    let MemoryStats { budget: _, peak_accounted: _, peak_rss, unaccounted: _, timeline: _ } = memory;
 
     let mut list = Vec::new();
     let mut text = |name: &str, value: &str| {
@@ -90,7 +91,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         number("time_limit_s", *limit);
     }
     if let Some(rss) = peak_rss {
-        number("memory.peak_rss", rss as f64);
+        number("memory.peak_rss", *rss as f64);
     }
     list
 }

@@ -1,7 +1,7 @@
 //! The report as text, and how numbers are written for people.
 
 use super::cache::write_cache;
-use crate::stats::RenderStats;
+use crate::stats::{RenderStats, SchedulerStats};
 use std::io::{self, Write};
 
 /// Seconds, three digits: `0.312 s`, `12.3 s`, `2 min 03 s`, `1 h 05 min`.
@@ -58,6 +58,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     let RenderStats {
         weir,
         scene,
+        command: _,
         settings,
         plan,
         time,
@@ -66,7 +67,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         memory,
         texture_cache,
         geometry_cache,
-        scheduler: _,
+        scheduler,
         // A curve is not for text; what it says stands with its cache.
         miss_ratio: _,
         threads,
@@ -145,6 +146,34 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     for (cache, words) in [texture_cache, geometry_cache].into_iter().zip(words) {
         cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, words, out))?;
     }
+    write_scheduler(scheduler, out)
+}
+
+fn write_scheduler(stats: &SchedulerStats, out: &mut impl Write) -> io::Result<()> {
+    if stats.name.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "scheduler {}: {}", stats.name, stats.because)?;
+    writeln!(
+        out,
+        "          {} batches, at most {} paths in flight",
+        count(stats.batches as f64),
+        count(stats.paths_in_flight_peak as f64)
+    )?;
+    if stats.ray_memory > 0 {
+        let (peak, allowed) = (bytes(stats.ray_memory_peak), bytes(stats.ray_memory));
+        writeln!(out, "          rays that wait took {peak} of {allowed}")?;
+    }
+    if stats.voxels > 0 {
+        let [x, y, z] = stats.grid;
+        writeln!(
+            out,
+            "          {} voxels of {x} × {y} × {z} hold geometry; {} visits, {} rays a visit",
+            count(stats.voxels as f64),
+            count(stats.voxel_visits as f64),
+            count(stats.rays_per_visit)
+        )?;
+    }
     Ok(())
 }
 
@@ -179,6 +208,33 @@ mod tests {
             [(0.0, "0"), (12.5, "12.5"), (999.0, "999"), (4.5e6, "4.50 M"), (123_400.0, "123 k")]
         {
             assert_eq!(count(value), text);
+        }
+    }
+
+    #[test]
+    fn a_scheduler_is_told_of_when_it_has_a_name() {
+        let mut stats = RenderStats::default();
+        stats.scheduler.voxels = 211;
+        let text = |stats: &RenderStats| {
+            let mut out = Vec::new();
+            write_text(stats, &mut out).expect("memory");
+            String::from_utf8(out).expect("text")
+        };
+        assert!(!text(&stats).contains("scheduler"));
+        let scheduler = &mut stats.scheduler;
+        scheduler.name = "voxel".to_owned();
+        scheduler.because = "pages come and go".to_owned();
+        (scheduler.batches, scheduler.paths_in_flight_peak, scheduler.grid) = (3, 900_000, [8, 4, 2]);
+        (scheduler.voxel_visits, scheduler.rays_per_visit) = (1200, 4560.0);
+        (scheduler.ray_memory, scheduler.ray_memory_peak) = (256_000_000, 201_000_000);
+        let text = text(&stats);
+        for needed in [
+            "scheduler voxel: pages come and go\n",
+            "3 batches, at most 900 k paths in flight",
+            "took 201 MB of 256 MB",
+            "211 voxels of 8 × 4 × 2 hold geometry; 1.20 k visits, 4.56 k rays a visit",
+        ] {
+            assert!(text.contains(needed), "{needed} is missing in:\n{text}");
         }
     }
 

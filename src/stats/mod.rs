@@ -7,12 +7,14 @@ mod key_hasher;
 mod miss_ratio;
 mod process;
 mod scheduler;
+mod timeline;
 
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
 pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
-pub use process::{available_memory_bytes, peak_rss_bytes, thread_cpu_seconds};
+pub use process::{available_memory_bytes, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
+pub use timeline::{Gauge, MemorySample, MemoryWatch};
 
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +57,8 @@ pub struct RenderStats {
     pub weir: String,
     /// The scene file.
     pub scene: String,
+    /// The command line, the program first; empty where no program was called.
+    pub command: Vec<String>,
     /// What was in force, defaults and the scene's own values included.
     pub settings: EffectiveSettings,
     /// What the scene calls for.
@@ -188,7 +192,7 @@ pub struct RayStats {
 }
 
 /// Bytes of memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct MemoryStats {
     /// The bound asked for; `None` when there is none.
@@ -199,6 +203,8 @@ pub struct MemoryStats {
     pub peak_rss: Option<u64>,
     /// `peak_rss` less `peak_accounted`: code, stacks, what nobody counted.
     pub unaccounted: Option<i64>,
+    /// Memory over time; empty where nobody watched.
+    pub timeline: Vec<MemorySample>,
 }
 
 impl RenderStats {
@@ -279,7 +285,7 @@ mod tests {
     fn json_has_the_keys_of_the_contract() {
         let json = serde_json::to_value(RenderStats::default()).expect("plain data");
         for (object, keys) in [
-            ("", &["weir", "scene", "settings", "plan", "time", "image", "rays", "memory"][..]),
+            ("", &["weir", "scene", "command", "settings", "plan", "time", "image", "rays", "memory"][..]),
             ("plan/bytes", &["geometry", "textures"]),
             (
                 "time",
@@ -296,7 +302,7 @@ mod tests {
             ),
             ("image", &["width", "height", "spp", "samples", "non_finite_samples"]),
             ("rays", &["closest", "occluded", "per_second"]),
-            ("memory", &["budget", "peak_accounted", "peak_rss", "unaccounted"]),
+            ("memory", &["budget", "peak_accounted", "peak_rss", "unaccounted", "timeline"]),
         ] {
             for key in keys {
                 let pointer = if object.is_empty() { format!("/{key}") } else { format!("/{object}/{key}") };

@@ -10,6 +10,12 @@ pub fn available_memory_bytes() -> Option<u64> {
     field_kib(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:").map(|kib| kib * 1024)
 }
 
+/// Bytes of memory that are resident now (Linux's VmRSS); `None` where it is not told.
+#[must_use]
+pub fn rss_bytes() -> Option<u64> {
+    field_kib(&fs::read_to_string("/proc/self/status").ok()?, "VmRSS:").map(|kib| kib * 1024)
+}
+
 /// Most bytes of memory that were ever resident (Linux's VmHWM); `None` where it is not told.
 #[must_use]
 pub fn peak_rss_bytes() -> Option<u64> {

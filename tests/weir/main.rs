@@ -29,6 +29,7 @@ mod embree_abi;
 mod generate;
 mod order;
 mod pages;
+mod report_page;
 mod texture_files;
 mod textures;
 #[cfg(unix)]

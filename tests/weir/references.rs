@@ -62,7 +62,7 @@ fn compare(name: &str, tolerance: f64, spp: u32) -> Option<Vec<String>> {
         size: Some((reference.width, reference.height)),
         ..RenderSettings::default()
     };
-    let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {} };
+    let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
     let image = render(&scene, &settings, &control).unwrap_or_else(|e| panic!("{e}")).image;
     let found = diff(&image, &reference).unwrap_or_else(|e| panic!("{e}")).agreement;
     let (a, b) = (clipped(&image), clipped(&reference));

@@ -77,7 +77,7 @@ pub(crate) fn scene_beside(text: &str, folder: &Path) -> SceneDescription {
 /// Renders; one thread unless `settings` say otherwise.
 pub(crate) fn outcome(scene: &SceneDescription, settings: &RenderSettings) -> Result<Outcome> {
     let settings = RenderSettings { threads: settings.threads.or(Some(1)), ..settings.clone() };
-    let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {} };
+    let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
     render(scene, &settings, &control)
 }
 

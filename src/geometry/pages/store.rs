@@ -9,7 +9,7 @@ use crate::accel::Pages;
 use crate::accel::bvh::PageView;
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
-use crate::stats::CacheStats;
+use crate::stats::{CacheStats, Gauge};
 use crate::texture::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
 use std::cell::RefCell;
 use std::marker::PhantomData;
@@ -141,6 +141,12 @@ impl PageStore {
     pub fn stats(&self) -> (CacheStats, Vec<(u64, f64)>, Vec<String>) {
         let cache = self.cache();
         (cache.stats(&self.names), cache.miss_ratio_curve(), cache.failures())
+    }
+
+    /// Bytes that pages take now, for whoever watches.
+    #[must_use]
+    pub fn used(&self) -> Gauge {
+        self.cache().used()
     }
 
     /// Whether no page ever has to go.

@@ -20,7 +20,7 @@ pub use tile::least_budget;
 
 use crate::error::{Error, Result};
 use crate::permits;
-use crate::stats::{KeyBuildHasher, StackDistances, sample_hash, spread};
+use crate::stats::{Gauge, KeyBuildHasher, StackDistances, sample_hash, spread};
 use lru::LruCache;
 use shard::{Abandon, Padded, PendingState, Shard};
 use std::collections::HashMap;
@@ -69,7 +69,7 @@ pub struct TileCache {
     latency: Duration,
     files: Vec<CachedFile>,
     shards: Box<[Padded<Mutex<Shard>>]>,
-    used: AtomicU64,
+    used: Gauge,
     peak: AtomicU64,
     kept: AtomicU64,
     /// Reads so far: the cache's time.
@@ -154,7 +154,7 @@ impl TileCache {
                     }))
                 })
                 .collect(),
-            used: AtomicU64::new(0),
+            used: Gauge::default(),
             peak: AtomicU64::new(0),
             kept: AtomicU64::new(0),
             clock: AtomicU64::new(0),
@@ -179,6 +179,12 @@ impl TileCache {
     pub fn fits_all(&self) -> bool {
         let all = |f: &CachedFile| u64::from(f.file.tile_count()).saturating_mul(cost(f.lines));
         self.files.iter().map(all).fold(0, u64::saturating_add) <= self.budget
+    }
+
+    /// Bytes that tiles take now, for whoever watches.
+    #[must_use]
+    pub fn used(&self) -> Gauge {
+        Gauge::clone(&self.used)
     }
 
     /// Most bytes that tiles have taken at once.
