@@ -85,12 +85,15 @@ pub(super) fn check_ray_memory(bytes: u64) -> Result<()> {
     Ok(())
 }
 
+/// Sums of passes, by tile and pass.
+type Passes = HashMap<(u32, u32), Vec<[f32; 4]>>;
+
 /// A part of the film's units, on their way.
 struct Part<'j, 'a, A: ?Sized> {
     job: &'j Job<'a, A>,
     first: u64,
-    /// Sums of passes that came before their turn, by tile and pass.
-    early: Mutex<HashMap<(u32, u32), Vec<[f32; 4]>>>,
+    /// Those that came before their turn.
+    early: Mutex<Passes>,
 }
 
 impl<A: Accel + ?Sized> Film for Part<'_, '_, A> {

@@ -99,6 +99,8 @@ pub struct Queues<'g, P, T> {
     waiting: AtomicUsize,
     state: Mutex<State<'g>>,
     changed: Condvar,
+    /// Threads that wait for a change.
+    idle: AtomicUsize,
 }
 
 struct State<'g> {
@@ -162,6 +164,7 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             waiting: AtomicUsize::new(0),
             state: Mutex::new(State { ledger, busy: 0, active: Vec::new(), more: true, done: false }),
             changed: Condvar::new(),
+            idle: AtomicUsize::new(0),
         }
     }
 
@@ -328,7 +331,9 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
                 state.busy += 1;
                 return true;
             }
+            self.idle.fetch_add(1, Ordering::Relaxed);
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            self.idle.fetch_sub(1, Ordering::Relaxed);
         }
     }
 }
@@ -424,7 +429,11 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
                 break;
             }
         }
-        queues.changed.notify_all();
+        // One is enough: whoever finds more than it takes wakes the next when it has put something down. One that goes
+        // to sleep just now is not heard, which loses help and no ray: this thread goes on itself.
+        if queues.idle.load(Ordering::Relaxed) > 0 {
+            queues.changed.notify_one();
+        }
     }
 }
 
