@@ -7,6 +7,7 @@ pub mod bvh;
 pub mod embree;
 
 pub use backend::Builder;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use std::ops::Range;
 
@@ -14,7 +15,8 @@ use std::ops::Range;
 pub const NONE: u32 = u32::MAX;
 
 /// A ray: points `origin + t·direction` for t in (t_min, t_max). `direction` need not be unit.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Ray {
     /// Origin, world space.
     pub origin: Vec3,
@@ -36,7 +38,8 @@ impl Ray {
 }
 
 /// The nearest intersection. `geometry == NONE` is a miss.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Hit {
     /// Distance along the ray in units of its direction's length.
     pub t: f32,

@@ -7,10 +7,12 @@
 
 use crate::geometry::FootprintEllipse;
 use crate::math::Frame;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec3A;
 
 /// The cone about a ray.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Cone {
     /// Width where the last event was.
     pub width: f32,

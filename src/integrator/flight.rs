@@ -10,8 +10,9 @@
 use super::path::{Path, Shadow, Wave, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::schedule::{Fresh, Meter, Sink, Traveller};
+use crate::schedule::{Fresh, Meter, PIECE_BYTES, Piece, Sink, Traveller, WORDS};
 use crate::stats::Counters;
+use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -29,22 +30,26 @@ pub const UNIT: usize = 1 << SAMPLE_BITS;
 /// Units that slots can name.
 pub const MOST_UNITS: u32 = 1 << (32 - SAMPLE_BITS);
 
-/// Bytes of a unit's sums.
-pub const SUM_BYTES: usize = UNIT * (2 * size_of::<Rgb>() + size_of::<f32>() + 2 * size_of::<u16>());
+/// Samples whose sums lie in one piece.
+const IN_A_PIECE: usize = WORDS * 4 / size_of::<Sums>();
+/// Pieces of a unit's sums.
+pub const UNIT_PIECES: usize = UNIT / IN_A_PIECE;
 
 /// Bytes that a unit takes at most, if no more light samples wait than paths do.
 pub const UNIT_BYTES: usize =
-    SUM_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
+    UNIT_PIECES * PIECE_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
 
 /// A path and how many scattering events it has had.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Flight {
     path: Path,
     depth: u32,
 }
 
 /// A ray that asks whether light comes through.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Probe {
     shadow: Shadow,
     /// Which of its sample's light samples it is, modulo 2¹⁶; [`SKY`] for the path's last ray, which asks for the sky.
@@ -76,16 +81,27 @@ pub trait Film: Sync {
     fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters);
 }
 
-/// The sums of a unit.
-struct Unit {
-    /// What paths run into, by sample.
-    met: Vec<Rgb>,
+/// The sums of a sample.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Sums {
+    /// What its path runs into.
+    met: Rgb,
     /// What light samples bring.
-    direct: Vec<Rgb>,
-    weights: Vec<f32>,
+    direct: Rgb,
+    /// Of the sample in its pixel.
+    weight: f32,
     /// Light samples that have set out and those that have been added, modulo 2¹⁶.
-    sent: Vec<u16>,
-    added: Vec<u16>,
+    sent: u16,
+    added: u16,
+}
+
+const _: () = assert!(size_of::<Sums>() == 32, "sums fill pieces to the end");
+
+/// A unit on its way.
+struct Unit {
+    pieces: Vec<Piece>,
+    samples: usize,
     /// Light samples that came before their turn.
     early: Vec<(u32, u16, Rgb)>,
     /// Rays on their way.
@@ -93,40 +109,46 @@ struct Unit {
 }
 
 impl Unit {
-    fn new(weights: Vec<f32>) -> Self {
-        let n = weights.len();
-        Self {
-            met: vec![Rgb::ZERO; n],
-            direct: vec![Rgb::ZERO; n],
-            weights,
-            sent: vec![0; n],
-            added: vec![0; n],
-            early: Vec::new(),
-            rays: n as u32,
+    /// In `pieces`, of samples of these weights.
+    fn new(pieces: Vec<Piece>, weights: &[f32]) -> Self {
+        let mut unit = Self { pieces, samples: weights.len(), early: Vec::new(), rays: weights.len() as u32 };
+        for (&weight, i) in weights.iter().zip(0..) {
+            *unit.sums(i) = Sums { weight, ..Sums::zeroed() };
         }
+        unit
+    }
+
+    fn sums(&mut self, sample: u32) -> &mut Sums {
+        let sample = sample as usize;
+        let sums: &mut [Sums] = bytemuck::cast_slice_mut(&mut self.pieces[sample / IN_A_PIECE][..]);
+        &mut sums[sample % IN_A_PIECE]
     }
 
     /// Adds what light sample `order` of `sample` brings, when those before it have been added.
     fn add(&mut self, sample: u32, order: u16, light: Rgb) {
-        let i = sample as usize;
-        if self.added[i] != order {
+        let sums = self.sums(sample);
+        if sums.added != order {
             self.early.push((sample, order, light));
             return;
         }
-        self.direct[i] += light;
-        self.added[i] = order.wrapping_add(1);
-        while let Some(at) = self.early.iter().position(|e| e.0 == sample && e.1 == self.added[i]) {
-            self.direct[i] += self.early.swap_remove(at).2;
-            self.added[i] = self.added[i].wrapping_add(1);
+        sums.direct += light;
+        sums.added = order.wrapping_add(1);
+        let mut next = sums.added;
+        while let Some(at) = self.early.iter().position(|e| e.0 == sample && e.1 == next) {
+            let light = self.early.swap_remove(at).2;
+            next = next.wrapping_add(1);
+            let sums = self.sums(sample);
+            sums.direct += light;
+            sums.added = next;
         }
     }
 }
 
 /// All units of a render, or of a part of it.
 pub struct Units<'m> {
-    units: Vec<Mutex<Option<Box<Unit>>>>,
+    units: Vec<Mutex<Option<Unit>>>,
     next: AtomicU32,
-    /// Gets [`SUM_BYTES`] back for each unit that is done.
+    /// Gets the pieces of units that are done.
     meter: &'m Meter,
     /// Paths in flight, and the most that have been.
     paths: AtomicUsize,
@@ -169,12 +191,14 @@ pub struct Shader<'b, 'a, A: ?Sized> {
     order: Vec<(u64, u32)>,
     wave: Wave,
     slots: Vec<u32>,
+    weights: Vec<f32>,
     counters: &'b mut Counters,
 }
 
 impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
-    /// Bytes of a hit that waits to be shaded.
-    pub const HIT_BYTES: usize = size_of::<(Flight, Hit)>() + size_of::<(u64, u32)>();
+    /// Bytes of a hit that waits to be shaded, and of what follows from it.
+    pub const HIT_BYTES: usize =
+        size_of::<(Flight, Hit)>() + size_of::<(u64, u32)>() + size_of::<Flight>() + size_of::<Probe>();
 
     /// For one thread, which gathers `gathered` hits.
     pub fn new(
@@ -185,7 +209,18 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
         gathered: usize,
     ) -> Self {
         let (met, order) = (Vec::with_capacity(gathered), Vec::with_capacity(gathered));
-        Self { world, units, film, met, gathered, order, wave: Wave::default(), slots: Vec::new(), counters }
+        Self {
+            world,
+            units,
+            film,
+            met,
+            gathered,
+            order,
+            wave: Wave::default(),
+            slots: Vec::new(),
+            weights: Vec::new(),
+            counters,
+        }
     }
 
     /// Shades what was met, in the order of depths, surfaces and places on them.
@@ -242,11 +277,11 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
             let mut place = lock(&units.units[unit as usize]);
             let sums = place.as_mut().expect("a unit stays until its last ray is back");
             sums.rays -= 1;
-            sums.met[sample as usize] += found;
+            sums.sums(sample).met += found;
             if let Some(shadow) = shadows.next_if(|s| s.slot == local) {
                 let mut shadow = Shadow { slot, ..*shadow };
-                let order = sums.sent[sample as usize];
-                sums.sent[sample as usize] = order.wrapping_add(1);
+                let order = sums.sums(sample).sent;
+                sums.sums(sample).sent = order.wrapping_add(1);
                 counters.occluded += 1;
                 if world.has_interfaces || shadow.medium != NONE {
                     shadow.contribution *= world.transmitted(&shadow, counters);
@@ -287,38 +322,38 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
 }
 
 impl Units<'_> {
-    fn finish(&self, unit: u32, sums: Option<Box<Unit>>, film: &dyn Film, counters: &mut Counters) {
-        let Some(mut sums) = sums else { return };
-        for (met, direct) in sums.met.iter_mut().zip(&sums.direct) {
-            *met += *direct;
-        }
-        film.finish(unit, &sums.met, &sums.weights, counters);
-        self.meter.give(SUM_BYTES);
+    fn finish(&self, unit: u32, done: Option<Unit>, film: &dyn Film, counters: &mut Counters) {
+        let Some(done) = done else { return };
+        let sums = || done.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
+        let radiance: Vec<Rgb> = sums().take(done.samples).map(|sums| sums.met + sums.direct).collect();
+        let weights: Vec<f32> = sums().take(done.samples).map(|sums| sums.weight).collect();
+        film.finish(unit, &radiance, &weights, counters);
+        self.meter.give(done.pieces);
     }
 }
 
 impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
-    fn begin(&mut self, fresh: &mut Fresh<Flight, Probe>) -> bool {
+    fn begin(&mut self, pieces: Vec<Piece>, fresh: &mut Fresh<Flight, Probe>) -> Option<Vec<Piece>> {
         let count = self.units.units.len() as u32;
         let taken = self
             .units
             .next
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |next| (next < count).then_some(next + 1));
-        let Ok(unit) = taken else { return false };
-        let mut weights = Vec::with_capacity(UNIT);
+        let Ok(unit) = taken else { return Some(pieces) };
+        self.weights.clear();
         self.wave.paths.clear();
-        self.film.start(unit, &mut self.wave, &mut weights);
+        self.film.start(unit, &mut self.wave, &mut self.weights);
         let paths = self.wave.paths.len();
         self.counters.closest += paths as u64;
         let now = self.units.paths.fetch_add(paths, Ordering::Relaxed) + paths;
         self.units.peak_paths.fetch_max(now, Ordering::Relaxed);
-        *lock(&self.units.units[unit as usize]) = Some(Box::new(Unit::new(weights)));
+        *lock(&self.units.units[unit as usize]) = Some(Unit::new(pieces, &self.weights));
         let flights = self.wave.paths.drain(..).map(|path| {
             let slot = unit << SAMPLE_BITS | path.slot;
             Flight { path: Path { slot, ..path }, depth: 0 }
         });
         fresh.paths.extend(flights);
-        true
+        None
     }
 
     #[inline(always)]
@@ -337,7 +372,7 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
         let sums = place.as_mut().expect("a unit stays until its last ray is back");
         if order == SKY {
             if !occluded {
-                sums.met[sample as usize] += shadow.contribution;
+                sums.sums(sample).met += shadow.contribution;
             }
         } else {
             // Not left out where something is in the way: what is infinite shows in every schedule.

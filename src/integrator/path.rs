@@ -17,6 +17,7 @@ use crate::integrator::sampler::Set;
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
 use crate::stats::Counters;
+use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
@@ -72,7 +73,8 @@ pub struct World<'a, A: ?Sized> {
 }
 
 /// A path between two events.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Path {
     /// Where the ray starts.
     pub origin: Vec3,
@@ -99,7 +101,8 @@ pub struct Path {
 }
 
 /// A light sample that waits for its visibility.
-#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Shadow {
     /// From the surface to the light.
     pub ray: Ray,

@@ -11,11 +11,11 @@ use crate::error::{Error, Result};
 use crate::film::TILE;
 use crate::geometry::pages::PageStore;
 use crate::integrator::flight::{
-    Film, Flight, GATHERED, MOST_UNITS, Probe, SUM_BYTES, Shader, UNIT, UNIT_BYTES, Units,
+    Film, Flight, GATHERED, MOST_UNITS, Probe, Shader, UNIT, UNIT_BYTES, UNIT_PIECES, Units,
 };
 use crate::integrator::path::Wave;
 use crate::permits::Permits;
-use crate::schedule::{Grid, Ledger, Limits, Meter, Order, Queues, Residency};
+use crate::schedule::{Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Queues, Residency};
 use crate::stats::{Counters, SchedulerStats};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering;
@@ -158,7 +158,8 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let shares = if residency.is_some() { SHARES } else { 1 };
         let voxels = threads.div_ceil(THREADS_A_VOXEL);
         let meter = Meter::new(bytes - hands);
-        let limits = Limits { begun_bytes: SUM_BYTES, begin_bytes: UNIT_BYTES, taken, shares, voxels };
+        let limits =
+            Limits { begun: UNIT_PIECES, begin: UNIT_BYTES.div_ceil(PIECE_BYTES), taken, shares, voxels };
         let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.buffer.tile_count()) * passes;
         let mut first = 0;
@@ -179,7 +180,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             first += u64::from(count);
             stats.batches += 1;
         }
-        stats.ray_memory_peak = (meter.peak() + hands) as u64;
+        stats.ray_memory_peak = (meter.bytes() + hands) as u64;
         ledger.report(&mut stats);
         (counters, stats)
     }

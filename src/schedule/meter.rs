@@ -1,59 +1,85 @@
-//! Bytes that are taken and given back.
+//! Pieces of memory of one size that go from hand to hand: what waits lies in them.
 //!
-//! Invariant: never more than the limit, unless taken by force.
+//! Invariant: never more pieces than the limit, unless they are taken by force when none is in use. None is freed before
+//! the end: what one thread allocates and another frees is not used again by either, and the process would grow.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// A number of bytes, and how many of them are taken.
+/// Words of a piece.
+pub const WORDS: usize = 1024;
+
+/// Bytes of a piece.
+pub const PIECE_BYTES: usize = 4 * WORDS;
+
+/// A piece of memory.
+pub type Piece = Box<[u32; WORDS]>;
+
+/// All pieces of a render.
 #[derive(Debug)]
 pub struct Meter {
     limit: usize,
-    taken: AtomicUsize,
-    peak: AtomicUsize,
+    made: AtomicUsize,
+    unused: Mutex<Vec<Piece>>,
 }
 
 impl Meter {
-    /// Of `limit` bytes.
+    /// Of `bytes` bytes at most.
     #[must_use]
-    pub fn new(limit: usize) -> Self {
-        Self { limit, taken: AtomicUsize::new(0), peak: AtomicUsize::new(0) }
+    pub fn new(bytes: usize) -> Self {
+        Self { limit: bytes / PIECE_BYTES, made: AtomicUsize::new(0), unused: Mutex::default() }
     }
 
-    /// Takes `bytes` if there is room for `room`, which is no less. Whether it has.
-    pub(super) fn take(&self, bytes: usize, room: usize) -> bool {
-        let fits = |taken: usize| (taken + room <= self.limit).then_some(taken + bytes);
-        let before = self.taken.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits);
-        if let Ok(before) = before {
-            self.peak.fetch_max(before + bytes, Ordering::Relaxed);
+    fn unused(&self) -> MutexGuard<'_, Vec<Piece>> {
+        self.unused.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether `count` pieces could be had, or none is in use. Under the lock of `unused`, which holds still what it says.
+    fn can_give(&self, unused: &[Piece], count: usize) -> bool {
+        let in_use = self.made.load(Ordering::Relaxed).saturating_sub(unused.len());
+        in_use == 0 || in_use + count <= self.limit
+    }
+
+    /// Whether [`Self::several`] is worth a try.
+    pub(super) fn has_room(&self, room: usize) -> bool {
+        self.can_give(&self.unused(), room)
+    }
+
+    /// `count` pieces, if there is room for `room`, which is no less, or if none is in use.
+    pub(super) fn several(&self, count: usize, room: usize) -> Option<Vec<Piece>> {
+        let mut unused = self.unused();
+        if !self.can_give(&unused, room) {
+            return None;
         }
-        before.is_ok()
+        let kept = unused.len().saturating_sub(count);
+        let mut pieces = unused.split_off(kept);
+        self.made.fetch_add(count - pieces.len(), Ordering::Relaxed);
+        pieces.resize_with(count, || Box::new([0; WORDS]));
+        Some(pieces)
     }
 
-    /// Takes `bytes` if nothing is taken, whatever the limit. Whether it has.
-    pub(super) fn take_first(&self, bytes: usize) -> bool {
-        let first = self.taken.compare_exchange(0, bytes, Ordering::Relaxed, Ordering::Relaxed).is_ok();
-        if first {
-            self.peak.fetch_max(bytes, Ordering::Relaxed);
+    /// A piece, if there is room for it.
+    #[inline]
+    pub(super) fn piece(&self) -> Option<Piece> {
+        let mut unused = self.unused();
+        let piece = unused.pop();
+        if piece.is_none() && self.made.load(Ordering::Relaxed) < self.limit {
+            // Under the lock, as everywhere.
+            self.made.fetch_add(1, Ordering::Relaxed);
+            drop(unused);
+            return Some(Box::new([0; WORDS]));
         }
-        first
+        piece
     }
 
-    pub(super) fn has_room(&self, bytes: usize) -> bool {
-        self.taken.load(Ordering::Relaxed) + bytes <= self.limit
+    /// Takes pieces back.
+    pub fn give(&self, pieces: impl IntoIterator<Item = Piece>) {
+        self.unused().extend(pieces);
     }
 
-    pub(super) fn is_free(&self) -> bool {
-        self.taken.load(Ordering::Relaxed) == 0
-    }
-
-    /// Gives `bytes` back.
-    pub fn give(&self, bytes: usize) {
-        self.taken.fetch_sub(bytes, Ordering::Relaxed);
-    }
-
-    /// Most bytes that were taken at once.
+    /// Bytes of all pieces.
     #[must_use]
-    pub fn peak(&self) -> usize {
-        self.peak.load(Ordering::Relaxed)
+    pub fn bytes(&self) -> usize {
+        self.made.load(Ordering::Relaxed) * PIECE_BYTES
     }
 }

@@ -19,14 +19,14 @@ mod tests;
 
 pub use grid::Grid;
 pub use ledger::{Ledger, Residency};
-pub use meter::Meter;
+pub use meter::{Meter, PIECE_BYTES, Piece, WORDS};
 pub use order::Order;
 pub use queues::{Limits, Queues};
 
 use crate::accel::{Hit, Ray};
 
-/// Something that carries a ray.
-pub trait Traveller: Copy + Send {
+/// Something that carries a ray: plain words, so that it can lie anywhere.
+pub trait Traveller: bytemuck::Pod + Send {
     /// The ray.
     fn ray(&self) -> Ray;
 }
@@ -49,9 +49,9 @@ impl<P, T> Default for Fresh<P, T> {
 
 /// Takes answers, and gives new rays for them. Each thread has its own.
 pub trait Sink<P, T> {
-    /// Adds some of the rays that all begins with; false when there are none left. What it needs beside
-    /// ([`Limits::begun_bytes`]) has been taken from the [`Meter`], and is given back when their last answer has come.
-    fn begin(&mut self, fresh: &mut Fresh<P, T>) -> bool;
+    /// Adds some of the rays that all begins with. Keeps `pieces` ([`Limits::begun`] of them) until their last answer has
+    /// come, and then gives them to the [`Meter`]; gives them back at once when there are no rays left.
+    fn begin(&mut self, pieces: Vec<Piece>, fresh: &mut Fresh<P, T>) -> Option<Vec<Piece>>;
     /// What a path met.
     fn hit(&mut self, path: P, hit: Hit, fresh: &mut Fresh<P, T>);
     /// Whether anything was in the way of a test.

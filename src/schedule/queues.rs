@@ -7,20 +7,21 @@
 //! Invariant: bytes of queues stay below their limit, but for what threads have in their hands; no lock is held while a
 //! ray is traced.
 
-use super::bag::Bag;
-use super::{Fresh, Grid, Ledger, Meter, Order, Sink, Traveller};
+use super::bag::{Bag, Taken};
+use super::{Fresh, Grid, Ledger, Meter, Order, Piece, Sink, Traveller};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::permits;
+use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// How much may wait, and how much runs together.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// Bytes that [`Sink::begin`] takes until its last ray has been answered.
-    pub begun_bytes: usize,
-    /// Bytes that there must be room for before it is called: its rays too.
-    pub begin_bytes: usize,
+    /// Pieces that [`Sink::begin`] keeps until its last ray has been answered.
+    pub begun: usize,
+    /// Pieces that there must be room for before it is called: its rays too.
+    pub begin: usize,
     /// Rays of a queue that a thread takes at once, at most.
     pub taken: usize,
     /// Threads that share a queue: how many of them its rays are worth.
@@ -32,25 +33,12 @@ pub struct Limits {
 /// Rays that are worth being taken.
 const LEAST_TAKEN: usize = 64;
 
-/// A ray that has met nothing so far, and where it goes on.
-#[derive(Clone, Copy)]
-struct Open<T> {
-    item: T,
-    from: f32,
-}
-
-/// A ray that has met something, before which something else may lie.
-#[derive(Clone, Copy)]
-struct Met<P> {
-    item: P,
-    from: f32,
-    hit: Hit,
-}
-
+/// Rays that wait: those that have met nothing so far, with where they go on; those that have met something, before
+/// which something else may lie; and tests.
 struct Queue<P, T> {
-    open: Bag<Open<P>>,
-    met: Bag<Met<P>>,
-    tests: Bag<Open<T>>,
+    open: Bag<P, f32>,
+    met: Bag<P, Met>,
+    tests: Bag<T, f32>,
 }
 
 impl<P: Traveller, T: Traveller> Queue<P, T> {
@@ -63,26 +51,20 @@ impl<P: Traveller, T: Traveller> Queue<P, T> {
     }
 }
 
-/// What a thread has taken from a queue.
-struct Taken<P, T> {
-    open: Vec<Vec<Open<P>>>,
-    met: Vec<Vec<Met<P>>>,
-    tests: Vec<Vec<Open<T>>>,
+/// Where a ray that has met something goes on, and what it has met.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Met {
+    from: f32,
+    hit: Hit,
 }
 
-impl<P: Traveller, T: Traveller> Taken<P, T> {
-    fn len(&self) -> usize {
-        fn count<R>(pieces: &[Vec<R>]) -> usize {
-            pieces.iter().map(Vec::len).sum()
-        }
-        count(&self.open) + count(&self.met) + count(&self.tests)
-    }
-
-    fn bytes(&self) -> usize {
-        self.open.len() * Bag::<Open<P>>::PIECE_BYTES
-            + self.met.len() * Bag::<Met<P>>::PIECE_BYTES
-            + self.tests.len() * Bag::<Open<T>>::PIECE_BYTES
-    }
+/// What a thread has taken from a queue.
+struct Load<P, T> {
+    open: Vec<Taken<P, f32>>,
+    met: Vec<Taken<P, Met>>,
+    tests: Vec<Taken<T, f32>>,
+    len: usize,
 }
 
 /// The queues of a render.
@@ -130,10 +112,13 @@ impl<P: Traveller, T: Traveller> Drop for EndOnPanic<'_, '_, P, T> {
     }
 }
 
+/// A ray's place in the order, and where it lies.
+type Key = (u64, u32, u32);
+
 /// What a thread does next.
 enum Step<P, T> {
-    Begin,
-    Visit(usize, Taken<P, T>),
+    Begin(Vec<Piece>),
+    Visit(usize, Load<P, T>),
     Nothing,
 }
 
@@ -143,12 +128,12 @@ struct Worker<'q, 'g, A: ?Sized, P, T, S> {
     accel: &'q A,
     sink: &'q mut S,
     fresh: Fresh<P, T>,
-    keys: Vec<(u64, u32, u32)>,
+    keys: Vec<Key>,
 }
 
 impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
-    /// Bytes of a ray that a thread has taken, at most.
-    pub const RAY_BYTES: usize = size_of::<Met<P>>() + size_of::<(u64, u32, u32)>();
+    /// Bytes that a ray takes which a thread has taken, beside those of its queue.
+    pub const RAY_BYTES: usize = size_of::<Key>();
 
     /// Empty, one for each voxel of `grid`.
     #[must_use]
@@ -191,9 +176,9 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
                 return self.end();
             }
             match self.next() {
-                Step::Begin => {
-                    if !worker.sink.begin(&mut worker.fresh) {
-                        self.meter.give(self.limits.begun_bytes);
+                Step::Begin(pieces) => {
+                    if let Some(pieces) = worker.sink.begin(pieces, &mut worker.fresh) {
+                        self.meter.give(pieces);
                         lock(&self.state).more = false;
                     }
                     worker.place();
@@ -222,16 +207,6 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         self.changed.notify_all();
     }
 
-    /// Takes what beginning takes, if rays may begin: there are some, and room for them, or nothing else is on its way.
-    fn may_begin(&self, state: &State<'_>) -> bool {
-        let Limits { begun_bytes, begin_bytes, .. } = self.limits;
-        state.more && (self.meter.take(begun_bytes, begin_bytes) || self.meter.take_first(begun_bytes))
-    }
-
-    fn has_begin_room(&self) -> bool {
-        self.meter.has_room(self.limits.begin_bytes)
-    }
-
     /// Where rays may be taken from now. Threads work together on few voxels, so that what one of them reads serves
     /// the others.
     fn choose(&self, state: &State<'_>) -> Option<usize> {
@@ -255,14 +230,17 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         if state.done {
             return Step::Nothing;
         }
-        if self.may_begin(&state) {
-            return Step::Begin;
+        // There are some, and room for them, or nothing else is on its way.
+        if state.more
+            && let Some(pieces) = self.meter.several(self.limits.begun, self.limits.begin)
+        {
+            return Step::Begin(pieces);
         }
         let Some(voxel) = self.choose(&state) else { return Step::Nothing };
         let waiting = self.waiting.load(Ordering::Relaxed);
         let share = (self.lengths[voxel].load(Ordering::Relaxed) / self.limits.shares).max(LEAST_TAKEN);
         let taken = self.take(voxel, share.min(self.limits.taken));
-        let count = taken.len();
+        let count = taken.len;
         if count == 0 {
             return Step::Nothing;
         }
@@ -287,28 +265,47 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         }
     }
 
-    fn take(&self, voxel: usize, most: usize) -> Taken<P, T> {
-        let mut taken = Taken { open: Vec::new(), met: Vec::new(), tests: Vec::new() };
+    fn take(&self, voxel: usize, most: usize) -> Load<P, T> {
+        let mut load = Load { open: Vec::new(), met: Vec::new(), tests: Vec::new(), len: 0 };
         let mut queue = lock(&self.queues[voxel]);
-        queue.met.take(most, &mut taken.met);
-        queue.tests.take(most.saturating_sub(taken.len()), &mut taken.tests);
-        queue.open.take(most.saturating_sub(taken.len()), &mut taken.open);
-        self.meter.give(taken.bytes());
-        self.waiting.fetch_sub(taken.len(), Ordering::Relaxed);
+        load.len += queue.met.take(most, &mut load.met);
+        load.len += queue.tests.take(most.saturating_sub(load.len), &mut load.tests);
+        load.len += queue.open.take(most.saturating_sub(load.len), &mut load.open);
+        self.waiting.fetch_sub(load.len, Ordering::Relaxed);
         self.lengths[voxel].store(queue.len(), Ordering::Relaxed);
-        taken
+        load
     }
 
-    /// Puts a ray into the queue of `voxel`, if there is room; whether there was.
+    /// Puts a ray into a list of the queue of `voxel`, if there is room; whether there was.
     #[inline]
-    fn put<R: Copy>(&self, voxel: usize, list: impl Fn(&mut Queue<P, T>) -> &mut Bag<R>, ray: R) -> bool {
+    fn put<R: Traveller, E: Pod>(
+        &self,
+        voxel: usize,
+        list: impl Fn(&mut Queue<P, T>) -> &mut Bag<R, E>,
+        ray: &R,
+        extra: &E,
+    ) -> bool {
         let mut queue = lock(&self.queues[voxel]);
-        let added = list(&mut queue).push(ray, |bytes| self.meter.take(bytes, bytes));
+        let added = list(&mut queue).push(ray, extra, self.meter);
         if added {
             self.waiting.fetch_add(1, Ordering::Relaxed);
             self.lengths[voxel].fetch_add(1, Ordering::Relaxed);
         }
         added
+    }
+
+    /// The order of `rays`, in `keys`.
+    fn sort<R: Traveller, E: Pod>(&self, rays: &[Taken<R, E>], keys: &mut Vec<Key>) {
+        keys.clear();
+        for (taken, i) in rays.iter().zip(0u32..) {
+            let key = |j: u32| (self.order.key(&taken.get(j as usize).0.ray()), i, j);
+            keys.extend((0..taken.len() as u32).map(key));
+        }
+        keys.sort_unstable();
+    }
+
+    fn give<R: Traveller, E: Pod>(&self, rays: Vec<Taken<R, E>>) {
+        rays.into_iter().for_each(|taken| taken.give(self.meter));
     }
 
     /// Waits until there may be something to do; false when there never will be.
@@ -324,10 +321,7 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             if state.done {
                 return false;
             }
-            // Nothing on its way: rays may begin, however little room there is.
-            if self.choose(&state).is_some()
-                || (state.more && (self.has_begin_room() || self.meter.is_free()))
-            {
+            if self.choose(&state).is_some() || (state.more && self.meter.has_room(self.limits.begin)) {
                 state.busy += 1;
                 return true;
             }
@@ -340,29 +334,28 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
 
 impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_, A, P, T, S> {
     /// Traces what was taken in the order of rays.
-    fn visit(&mut self, voxel: usize, taken: Taken<P, T>) {
-        let order = self.queues.order;
-        let Taken { open, met, tests } = taken;
+    fn visit(&mut self, voxel: usize, load: Load<P, T>) {
+        let Load { open, met, tests, .. } = load;
         let mut keys = std::mem::take(&mut self.keys);
-        keys.clear();
-        keys.extend(named(&tests).map(|(i, j, t)| (order.key(&t.item.ray()), i, j)));
-        keys.sort_unstable();
+        self.queues.sort(&tests, &mut keys);
         for &(_, i, j) in &keys {
-            let Open { item, from } = tests[i as usize][j as usize];
+            let (item, from) = tests[i as usize].get(j as usize);
             self.test(voxel, item, from);
         }
-        drop(tests);
-        keys.clear();
-        keys.extend(named(&open).map(|(i, j, p)| (order.key(&p.item.ray()), i, j)));
-        keys.sort_unstable();
+        self.queues.give(tests);
+        self.queues.sort(&open, &mut keys);
         for &(_, i, j) in &keys {
-            let Open { item, from } = open[i as usize][j as usize];
+            let (item, from) = open[i as usize].get(j as usize);
             self.path(voxel, item, from, &Hit::MISS);
         }
-        drop(open);
-        for Met { item, from, hit } in met.into_iter().flatten() {
-            self.path(voxel, item, from, &hit);
+        self.queues.give(open);
+        for taken in &met {
+            for i in 0..taken.len() {
+                let (item, Met { from, hit }) = taken.get(i);
+                self.path(voxel, item, from, &hit);
+            }
         }
+        self.queues.give(met);
         self.keys = keys;
     }
 
@@ -381,9 +374,9 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
         if let Some((from, voxel)) = next.filter(|&(to, _)| hit.t >= to) {
             let (queues, voxel) = (self.queues, voxel as usize);
             let put = if hit.geometry == NONE {
-                queues.put(voxel, |queue| &mut queue.open, Open { item, from })
+                queues.put(voxel, |queue| &mut queue.open, &item, &from)
             } else {
-                queues.put(voxel, |queue| &mut queue.met, Met { item, from, hit })
+                queues.put(voxel, |queue| &mut queue.met, &item, &Met { from, hit })
             };
             if put {
                 return;
@@ -400,7 +393,7 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
         let to = next.map_or(f32::INFINITY, |(to, _)| to);
         let mut occluded = self.accel.occluded_part(&ray, from, to);
         if let Some((from, voxel)) = next.filter(|_| !occluded) {
-            if self.queues.put(voxel as usize, |queue| &mut queue.tests, Open { item, from }) {
+            if self.queues.put(voxel as usize, |queue| &mut queue.tests, &item, &from) {
                 return;
             }
             occluded = self.accel.occluded_part(&ray, from, f32::INFINITY);
@@ -417,12 +410,12 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
         loop {
             if let Some(item) = self.fresh.tests.pop() {
                 let ray = item.ray();
-                if !queues.put(voxel(&ray), |queue| &mut queue.tests, Open { item, from: FROM }) {
+                if !queues.put(voxel(&ray), |queue| &mut queue.tests, &item, &FROM) {
                     self.sink.seen(item, self.accel.occluded(&ray));
                 }
             } else if let Some(item) = self.fresh.paths.pop() {
                 let ray = item.ray();
-                if !queues.put(voxel(&ray), |queue| &mut queue.open, Open { item, from: FROM }) {
+                if !queues.put(voxel(&ray), |queue| &mut queue.open, &item, &FROM) {
                     self.sink.hit(item, self.accel.closest(&ray), &mut self.fresh);
                 }
             } else {
@@ -435,9 +428,4 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
             queues.changed.notify_one();
         }
     }
-}
-
-/// Records with the places they have in `pieces`.
-fn named<R: Copy>(pieces: &[Vec<R>]) -> impl Iterator<Item = (u32, u32, R)> {
-    (pieces.iter().zip(0u32..)).flat_map(|(piece, i)| piece.iter().zip(0u32..).map(move |(r, j)| (i, j, *r)))
 }
