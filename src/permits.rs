@@ -1,7 +1,9 @@
 //! How many threads compute at once, where more of them exist than processors are to be used: one that waits for a disk
 //! lends its permit to another.
 //!
-//! Invariant: never more threads hold a permit than there are. A thread without one is not held up by this.
+//! Invariant: never more threads hold a permit than there are. A thread without one is not held up by this, as long as
+//! nobody reads what may have to come from a disk while holding a lock: who lends gets its permit back only when another
+//! gives one up, and that one may be waiting for the lock.
 
 use std::cell::RefCell;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};

@@ -114,7 +114,7 @@ pub(super) fn threads(text: &str) -> Result<usize, String> {
 
 /// Voxels of a grid.
 pub(super) fn voxels(text: &str) -> Result<u32, String> {
-    whole(text, 1..=1 << 20)
+    whole(text, 1..=1 << 14)
 }
 
 fn whole(text: &str, range: RangeInclusive<u32>) -> Result<u32, String> {

@@ -10,11 +10,11 @@
 use super::path::{Path, Shadow, Wave, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::schedule::{Fresh, Meter, PIECE_BYTES, Piece, Sink, Traveller, WORDS};
+use crate::schedule::{Fresh, Meter, PIECE_BYTES, Piece, Sink, Traveller, WORDS, lock};
 use crate::stats::Counters;
 use bytemuck::{Pod, Zeroable};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Hits that are sorted and shaded together, at most.
 pub const GATHERED: usize = 1 << 13;
@@ -27,8 +27,9 @@ const WAVE: usize = 1 << 10;
 const SAMPLE_BITS: u32 = 10;
 /// Samples of a unit at most.
 pub const UNIT: usize = 1 << SAMPLE_BITS;
-/// Units that slots can name.
-pub const MOST_UNITS: u32 = 1 << (32 - SAMPLE_BITS);
+/// Units at a time, at most: slots can name more, but each takes a place in a table.
+pub const MOST_UNITS: u32 = 1 << 16;
+const _: () = assert!(MOST_UNITS as u64 * UNIT as u64 <= 1 << 32, "slots name all samples");
 
 /// Samples whose sums lie in one piece.
 const IN_A_PIECE: usize = WORDS * 4 / size_of::<Sums>();
@@ -38,6 +39,10 @@ pub const UNIT_PIECES: usize = UNIT / IN_A_PIECE;
 /// Bytes that a unit takes at most, if no more light samples wait than paths do.
 pub const UNIT_BYTES: usize =
     UNIT_PIECES * PIECE_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
+
+/// Bytes of a hit that waits to be shaded, and of what follows from it.
+pub const HIT_BYTES: usize =
+    size_of::<(Flight, Hit)>() + size_of::<(u64, u32)>() + size_of::<Flight>() + size_of::<Probe>();
 
 /// A path and how many scattering events it has had.
 #[repr(C)]
@@ -155,11 +160,10 @@ pub struct Units<'m> {
     peak_paths: AtomicUsize,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl<'m> Units<'m> {
+    /// Bytes of a unit's place in the table.
+    pub const PLACE_BYTES: usize = size_of::<Mutex<Option<Unit>>>();
+
     /// `count` units, at most [`MOST_UNITS`].
     #[must_use]
     pub fn new(count: u32, meter: &'m Meter) -> Self {
@@ -196,10 +200,6 @@ pub struct Shader<'b, 'a, A: ?Sized> {
 }
 
 impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
-    /// Bytes of a hit that waits to be shaded, and of what follows from it.
-    pub const HIT_BYTES: usize =
-        size_of::<(Flight, Hit)>() + size_of::<(u64, u32)>() + size_of::<Flight>() + size_of::<Probe>();
-
     /// For one thread, which gathers `gathered` hits.
     pub fn new(
         world: &'b World<'a, A>,
@@ -268,56 +268,93 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
         wave.radiance.resize(slots.len(), Rgb::ZERO);
         world.shade_wave(wave, depth);
 
-        // Of each path: whether it goes on, and its light sample. Both lists keep the order of paths.
-        let last = depth + 1 == world.max_depth && !world.has_interfaces;
+        // Of each path: its light sample, and whether it goes on. Both lists keep the order of paths.
         let (mut paths, mut shadows) = (wave.paths.iter().peekable(), wave.shadows.iter().peekable());
         let mut ended = 0;
         for ((&slot, &found), local) in slots.iter().zip(&wave.radiance).zip(0u32..) {
+            let shadow = shadows.next_if(|s| s.slot == local).map(|shadow| Shadow { slot, ..*shadow });
+            let path = paths.next_if(|p| p.slot == local).map(|path| Path { slot, ..*path });
+            // Before the unit is locked: these trace, which may wait for a disk and for whoever waits for the unit.
+            let light = shadow.map(|shadow| world.light_sample(shadow, counters));
+            let next = path.map_or(After::End, |path| world.after(path, depth + 1, counters));
+            ended += usize::from(!matches!(next, After::Flight(_)));
+
             let (unit, sample) = (slot >> SAMPLE_BITS, slot % UNIT as u32);
             let mut place = lock(&units.units[unit as usize]);
             let sums = place.as_mut().expect("a unit stays until its last ray is back");
             sums.rays -= 1;
             sums.sums(sample).met += found;
-            if let Some(shadow) = shadows.next_if(|s| s.slot == local) {
-                let mut shadow = Shadow { slot, ..*shadow };
+            if let Some(light) = light {
                 let order = sums.sums(sample).sent;
                 sums.sums(sample).sent = order.wrapping_add(1);
-                counters.occluded += 1;
-                if world.has_interfaces || shadow.medium != NONE {
-                    shadow.contribution *= world.transmitted(&shadow, counters);
-                    sums.add(sample, order, shadow.contribution);
-                } else {
-                    sums.rays += 1;
-                    fresh.tests.push(Probe { shadow, order: order.into() });
-                }
-            }
-            if let Some(path) = paths.next_if(|p| p.slot == local) {
-                let path = Path { slot, ..*path };
-                if !last || world.may_emit(&path, counters) {
-                    counters.closest += 1;
-                    sums.rays += 1;
-                    fresh.paths.push(Flight { path, depth: depth + 1 });
-                } else {
-                    ended += 1;
-                    if world.lights.has_background() {
-                        // The last ray of a path can only find emission (`World::last_step`).
-                        let mut contribution = Rgb::ZERO;
-                        world.add_background(&path, &mut contribution);
-                        let ray = Ray::new(path.origin, path.direction);
-                        counters.occluded += 1;
+                match light {
+                    LightSample::Known(light) => sums.add(sample, order, light),
+                    LightSample::Asks(shadow) => {
                         sums.rays += 1;
-                        let shadow = Shadow { ray, contribution, slot, medium: NONE };
-                        fresh.tests.push(Probe { shadow, order: SKY });
+                        fresh.tests.push(Probe { shadow, order: order.into() });
                     }
                 }
-            } else {
-                ended += 1;
             }
-            if sums.rays == 0 {
-                units.finish(unit, place.take(), *film, counters);
+            match next {
+                After::Flight(flight) => {
+                    sums.rays += 1;
+                    fresh.paths.push(flight);
+                }
+                After::Sky(probe) => {
+                    sums.rays += 1;
+                    fresh.tests.push(probe);
+                }
+                After::End => {}
             }
+            let done = if sums.rays == 0 { place.take() } else { None };
+            drop(place);
+            units.finish(unit, done, *film, counters);
         }
         units.paths.fetch_sub(ended, Ordering::Relaxed);
+    }
+}
+
+/// A light sample: what it brings, or the ray that finds out.
+enum LightSample {
+    Known(Rgb),
+    Asks(Shadow),
+}
+
+/// What follows a path's vertex.
+enum After {
+    Flight(Flight),
+    /// Only the sky is left to be seen.
+    Sky(Probe),
+    End,
+}
+
+impl<A: Accel + ?Sized> World<'_, A> {
+    /// Through media and past interfaces light is followed at once.
+    fn light_sample(&self, shadow: Shadow, counters: &mut Counters) -> LightSample {
+        counters.occluded += 1;
+        if self.has_interfaces || shadow.medium != NONE {
+            LightSample::Known(shadow.contribution * self.transmitted(&shadow, counters))
+        } else {
+            LightSample::Asks(shadow)
+        }
+    }
+
+    /// What becomes of `path` after `depth` scattering events. The last ray of a path can only find emission
+    /// ([`World::last_step`]).
+    fn after(&self, path: Path, depth: u32, counters: &mut Counters) -> After {
+        if depth < self.max_depth || self.has_interfaces || self.may_emit(&path, counters) {
+            counters.closest += 1;
+            return After::Flight(Flight { path, depth });
+        }
+        if !self.lights.has_background() {
+            return After::End;
+        }
+        let mut contribution = Rgb::ZERO;
+        self.add_background(&path, &mut contribution);
+        counters.occluded += 1;
+        let ray = Ray::new(path.origin, path.direction);
+        let shadow = Shadow { ray, contribution, slot: path.slot, medium: NONE };
+        After::Sky(Probe { shadow, order: SKY })
     }
 }
 
@@ -380,9 +417,9 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
             sums.add(sample, order as u16, shadow.contribution * transmitted);
         }
         sums.rays -= 1;
-        if sums.rays == 0 {
-            self.units.finish(unit, place.take(), self.film, self.counters);
-        }
+        let done = if sums.rays == 0 { place.take() } else { None };
+        drop(place);
+        self.units.finish(unit, done, self.film, self.counters);
     }
 
     fn settle(&mut self, all: bool, fresh: &mut Fresh<Flight, Probe>) -> bool {

@@ -71,7 +71,7 @@ pub(super) fn render(
     };
     let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
     if waiting.is_some() {
-        check_ray_memory(ray_memory)?;
+        check_ray_memory(ray_memory, threads)?;
     }
     let job = Job {
         world: &world,
@@ -133,7 +133,7 @@ pub(super) fn render(
         geometry_memory: settings.geometry_memory,
         texture_latency_s: settings.texture_latency_seconds,
     };
-    stats.memory.peak_accounted += scheduler.ray_memory_peak;
+    stats.memory.peak_accounted += scheduler.ray_memory_peak + scheduler.index_bytes;
     stats.scheduler = SchedulerStats { name: name.into(), because, ..scheduler };
     stats.finish(&counters);
     let mut unreadable = Vec::new();
@@ -170,6 +170,10 @@ fn choice(settings: &RenderSettings, geometry: &SceneGeometry) -> (&'static str,
         Schedule::Voxel if geometry.pages.is_some() => ("voxel", asked()),
         Schedule::Voxel => ("sorted", "voxel was asked for, but all geometry stays in memory".into()),
         Schedule::Auto => match &geometry.pages {
+            // What is in flight when time is over is lost, and it is much.
+            Some(_) if settings.time_limit_seconds.is_some() => {
+                ("depth", "a limit on time wants samples that are done soon".into())
+            }
             Some(pages) if !pages.fits_all() => {
                 ("voxel", format!("{} bytes of geometry in room for {}", pages.all_bytes(), pages.budget()))
             }

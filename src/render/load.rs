@@ -66,7 +66,7 @@ fn looking_up(settings: &RenderSettings, threads: usize) -> usize {
     let waits = match settings.schedule {
         Schedule::Depth => false,
         Schedule::Sorted | Schedule::Voxel => true,
-        Schedule::Auto => settings.geometry_memory.is_some(),
+        Schedule::Auto => settings.geometry_memory.is_some() && settings.time_limit_seconds.is_none(),
     };
     if waits { workers(threads) } else { threads }
 }
@@ -85,13 +85,17 @@ pub(super) fn open_pages(
     threads: usize,
 ) -> Result<()> {
     let Some(budget) = settings.geometry_memory else { return Ok(()) };
-    let threads = looking_up(settings, threads);
+    let (computing, threads) = (threads, looking_up(settings, threads));
+    let readers = match threads - computing {
+        0 => String::new(),
+        n => format!(" ({n} of them wait for disks)"),
+    };
     let least = geometry.pages.as_ref().map_or(0, |pages| pages.least(threads));
     let Some(left) = budget.checked_sub(staying).filter(|&left| left >= least) else {
         let needed = staying + least;
         return Err(Error::Usage(format!(
             "a geometry memory of {budget} bytes is too small: --geometry-memory {needed} would do; {staying} bytes \
-             stay (small, shining and masked shapes, and what finds pages), and {threads} threads need two pages each"
+             stay (small, shining and masked shapes, and what finds pages), and {threads} threads{readers} need two pages each"
         )));
     };
     geometry.pages.as_ref().map_or(Ok(()), |pages| pages.open(left, threads))

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::film::TILE;
 use crate::geometry::pages::PageStore;
 use crate::integrator::flight::{
-    Film, Flight, GATHERED, MOST_UNITS, Probe, Shader, UNIT, UNIT_BYTES, UNIT_PIECES, Units,
+    Film, Flight, GATHERED, HIT_BYTES, MOST_UNITS, Probe, Shader, UNIT, UNIT_BYTES, UNIT_PIECES, Units,
 };
 use crate::integrator::path::Wave;
 use crate::permits::Permits;
@@ -68,18 +68,46 @@ impl Residency for PageStore {
     fn page_bytes(&self) -> u64 {
         Self::page_bytes(self)
     }
+
+    fn index_bytes(&self) -> u64 {
+        Self::watch_bytes(self)
+    }
 }
 
-/// Holds a memory for rays against the least that works: a film tile's paths.
+/// What threads have in their hands.
+struct Hands {
+    /// Hits that each gathers to shade, and rays that it takes.
+    gathered: usize,
+    taken: usize,
+    /// Bytes of it all.
+    bytes: usize,
+}
+
+impl Hands {
+    /// Of `workers` threads: at most a quarter of `memory`, but so much that work is worth while.
+    fn new(memory: usize, workers: usize, most_taken: usize) -> Self {
+        let each = memory / (8 * workers);
+        let gathered = (each / HIT_BYTES).clamp(16, GATHERED);
+        let taken = (each / RAY_BYTES).clamp(64, most_taken);
+        // Rays are taken by whole pieces of memory.
+        let rays = taken + PIECE_BYTES / size_of::<Flight>();
+        Self { gathered, taken, bytes: workers * (gathered * HIT_BYTES + rays * RAY_BYTES) }
+    }
+}
+
+const RAY_BYTES: usize = Queues::<Flight, Probe>::RAY_BYTES;
+
+/// Holds a memory for rays against the least that works: a film tile's paths, and what threads have in their hands.
 ///
 /// # Errors
 /// [`Error::Usage`] when it is too small.
-pub(super) fn check_ray_memory(bytes: u64) -> Result<()> {
-    // A quarter is in threads' hands.
-    let least = UNIT_BYTES as u64 * 4 / 3;
+pub(super) fn check_ray_memory(bytes: u64, threads: usize) -> Result<()> {
+    let hands = Hands::new(0, workers(threads), TAKEN.0).bytes;
+    let least = (UNIT_BYTES + hands) as u64 * 4 / 3;
     if bytes < least {
         return Err(Error::Usage(format!(
-            "a ray memory of {bytes} bytes is too small: --ray-memory {least} would do, for the paths of one film tile"
+            "a ray memory of {bytes} bytes is too small: --ray-memory {least} would do, for the paths of one film tile \
+             and what {threads} threads have in hand"
         )));
     }
     Ok(())
@@ -148,23 +176,20 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let mut ledger = Ledger::new(&grid, residency);
         let order = Order::new(self.world.accel.bounds());
         let bytes = usize::try_from(ray_memory).unwrap_or(usize::MAX);
-        // A quarter of it at most is in threads' hands.
-        let in_hand = bytes / (8 * workers(threads));
-        let gathered = (in_hand / Shader::<A>::HIT_BYTES).clamp(1, GATHERED);
-        let taken = taken.min(in_hand / Queues::<Flight, Probe>::RAY_BYTES).max(1);
-        let hands = workers(threads)
-            * (gathered * Shader::<A>::HIT_BYTES + taken * Queues::<Flight, Probe>::RAY_BYTES);
+        let Hands { gathered, taken, bytes: hands } = Hands::new(bytes, workers(threads), taken);
         // Where all come past one queue nobody gains by sharing.
         let shares = if residency.is_some() { SHARES } else { 1 };
         let voxels = threads.div_ceil(THREADS_A_VOXEL);
-        let meter = Meter::new(bytes - hands);
+        let meter = Meter::new(bytes.saturating_sub(hands));
         let limits =
             Limits { begun: UNIT_PIECES, begin: UNIT_BYTES.div_ceil(PIECE_BYTES), taken, shares, voxels };
         let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.buffer.tile_count()) * passes;
         let mut first = 0;
+        // Many times as many as memory holds, so that the end of a part, where few rays are left, costs little.
+        let in_part = (bytes / UNIT_BYTES * 64).min(MOST_UNITS as usize) as u64;
         while first < total && !self.should_stop() {
-            let count = (total - first).min(u64::from(MOST_UNITS)) as u32;
+            let count = (total - first).min(in_part) as u32;
             let units = Units::new(count, &meter);
             let part = Part { job: self, first, early: Mutex::default() };
             let queues = Queues::new(&grid, ledger, order, limits, &meter);
@@ -181,6 +206,9 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             stats.batches += 1;
         }
         stats.ray_memory_peak = (meter.bytes() + hands) as u64;
+        stats.index_bytes = (grid.bytes() + Queues::<Flight, Probe>::bytes_of(grid.len())) as u64
+            + in_part.min(total) * Units::PLACE_BYTES as u64
+            + residency.map_or(0, Residency::index_bytes);
         ledger.report(&mut stats);
         (counters, stats)
     }

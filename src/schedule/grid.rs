@@ -6,30 +6,42 @@
 use crate::accel::{PageBox, Ray};
 use glam::{IVec3, UVec3, Vec3};
 
-/// Voxels along an edge at most.
+/// Cells along an edge, and of a grid, at most.
 const MOST: u32 = 128;
+const MOST_CELLS: u64 = 1 << 18;
+/// In place of a voxel's name: the cell has no pages.
+const EMPTY: u32 = u32::MAX;
 
-/// A grid of boxes of one size.
+/// A grid of cells of one size. Those with pages are voxels, counted from zero.
 pub struct Grid {
     lo: Vec3,
     hi: Vec3,
     cell: Vec3,
     dims: UVec3,
-    /// Pages that lie in each voxel, wholly or in part.
+    /// By cell: its voxel, or [`EMPTY`].
+    voxels: Vec<u32>,
+    /// By voxel: its cell, and how many pages lie in it, wholly or in part.
+    cells: Vec<u32>,
     pages: Vec<u32>,
-    /// Voxels with pages.
-    filled: u32,
 }
 
 impl Grid {
-    /// Over `boxes`, with some `wanted` voxels that have pages in them, or a few more; no finer than boxes are large.
+    /// Over `boxes`, with some `wanted` voxels or a few more; fewer where that would take more cells than are sensible.
     #[must_use]
     pub fn new(boxes: &[PageBox], wanted: u32) -> Self {
         let (lo, hi) = boxes
             .iter()
             .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), b| (lo.min(b.lo), hi.max(b.hi)));
         if boxes.is_empty() {
-            return Self { lo, hi, cell: Vec3::ONE, dims: UVec3::ZERO, pages: Vec::new(), filled: 0 };
+            return Self {
+                lo,
+                hi,
+                cell: Vec3::ONE,
+                dims: UVec3::ZERO,
+                voxels: Vec::new(),
+                cells: Vec::new(),
+                pages: Vec::new(),
+            };
         }
         let size =
             (hi - lo).max(Vec3::splat((hi - lo).max_element() * 1e-6)).max(Vec3::splat(f32::MIN_POSITIVE));
@@ -37,7 +49,10 @@ impl Grid {
         loop {
             let grid = Self::with_edge(boxes, lo, hi, size, edge);
             let finer = edge * 0.8;
-            if grid.filled >= wanted || size.max_element() / finer > MOST as f32 {
+            let cells = (size / finer).ceil().max(Vec3::ONE);
+            let too_fine = cells.max_element() > MOST as f32
+                || f64::from(cells.x) * f64::from(cells.y) * f64::from(cells.z) > MOST_CELLS as f64;
+            if grid.len() as u32 >= wanted || too_fine {
                 return grid;
             }
             edge = finer;
@@ -46,13 +61,21 @@ impl Grid {
 
     fn with_edge(boxes: &[PageBox], lo: Vec3, hi: Vec3, size: Vec3, edge: f32) -> Self {
         let dims = (size / edge).ceil().as_uvec3().clamp(UVec3::ONE, UVec3::splat(MOST));
-        let mut grid = Self { lo, hi, cell: size / dims.as_vec3(), dims, pages: Vec::new(), filled: 0 };
+        let mut grid = Self {
+            lo,
+            hi,
+            cell: size / dims.as_vec3(),
+            dims,
+            voxels: Vec::new(),
+            cells: Vec::new(),
+            pages: Vec::new(),
+        };
         // Differences along the axes, summed up afterwards: a box costs the same however many voxels it covers.
         let wide = dims + 1;
         let at = |v: UVec3| ((v.z * wide.y + v.y) * wide.x + v.x) as usize;
         let mut sums = vec![0i64; (wide.x * wide.y * wide.z) as usize];
         for b in boxes {
-            let (from, to) = (grid.voxel(b.lo).as_uvec3(), grid.voxel(b.hi).as_uvec3() + 1);
+            let (from, to) = (grid.cell_at(b.lo).as_uvec3(), grid.cell_at(b.hi).as_uvec3() + 1);
             for corner in 0..8u32 {
                 let pick = |bit: u32, a: u32, b: u32| if corner >> bit & 1 == 0 { a } else { b };
                 let place = UVec3::new(pick(0, from.x, to.x), pick(1, from.y, to.y), pick(2, from.z, to.z));
@@ -70,14 +93,18 @@ impl Grid {
                 }
             }
         }
-        grid.pages = (0..dims.x * dims.y * dims.z)
-            .map(|i| u32::try_from(sums[at(grid.place(i))]).unwrap_or(u32::MAX))
-            .collect();
-        grid.filled = grid.pages.iter().filter(|&&n| n > 0).count() as u32;
+        for cell in 0..dims.x * dims.y * dims.z {
+            let pages = u32::try_from(sums[at(grid.place_of(cell))]).unwrap_or(u32::MAX);
+            grid.voxels.push(if pages > 0 { grid.cells.len() as u32 } else { EMPTY });
+            if pages > 0 {
+                grid.cells.push(cell);
+                grid.pages.push(pages);
+            }
+        }
         grid
     }
 
-    /// Voxels along each axis.
+    /// Cells along each axis.
     #[must_use]
     pub fn dims(&self) -> [u32; 3] {
         self.dims.to_array()
@@ -89,22 +116,22 @@ impl Grid {
         if self.dims == UVec3::ZERO { [[0.0; 3]; 2] } else { [self.lo.to_array(), self.hi.to_array()] }
     }
 
-    /// Voxels, filled or not.
+    /// Voxels.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.pages.len()
+        self.cells.len()
     }
 
     /// Whether there is no voxel.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.pages.is_empty()
+        self.cells.is_empty()
     }
 
-    /// Voxels with pages.
+    /// Bytes of its tables.
     #[must_use]
-    pub fn filled(&self) -> u32 {
-        self.filled
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.voxels[..]) + size_of_val(&self.cells[..]) + size_of_val(&self.pages[..])
     }
 
     /// Pages in voxel `i`.
@@ -116,7 +143,7 @@ impl Grid {
     /// Pairs of page and voxel in which it lies; `None` when there are more than `most`.
     #[must_use]
     pub fn pairs(&self, boxes: &[PageBox], most: usize) -> Option<Vec<(u32, u32)>> {
-        let range = |b: &PageBox| (self.voxel(b.lo), self.voxel(b.hi));
+        let range = |b: &PageBox| (self.cell_at(b.lo), self.cell_at(b.hi));
         let count = |b: &PageBox| {
             let (from, to) = range(b);
             let size = (to - from + 1).as_u64vec3();
@@ -132,7 +159,8 @@ impl Grid {
             for z in from.z..=to.z {
                 for y in from.y..=to.y {
                     for x in from.x..=to.x {
-                        let voxel = self.index(IVec3::new(x, y, z));
+                        let voxel = self.voxels[self.index(IVec3::new(x, y, z))];
+                        // Its box lies there, so it has pages.
                         pairs.extend(b.pages.clone().map(|page| (page, voxel)));
                     }
                 }
@@ -144,16 +172,20 @@ impl Grid {
     /// Where voxel `i` is along each axis.
     #[must_use]
     pub fn place(&self, i: u32) -> UVec3 {
-        UVec3::new(i % self.dims.x, i / self.dims.x % self.dims.y, i / (self.dims.x * self.dims.y))
+        self.place_of(self.cells[i as usize])
     }
 
-    fn index(&self, at: IVec3) -> u32 {
+    fn place_of(&self, cell: u32) -> UVec3 {
+        UVec3::new(cell % self.dims.x, cell / self.dims.x % self.dims.y, cell / (self.dims.x * self.dims.y))
+    }
+
+    fn index(&self, at: IVec3) -> usize {
         let at = at.as_uvec3();
-        (at.z * self.dims.y + at.y) * self.dims.x + at.x
+        ((at.z * self.dims.y + at.y) * self.dims.x + at.x) as usize
     }
 
-    /// The voxel nearest to `p`.
-    fn voxel(&self, p: Vec3) -> IVec3 {
+    /// The cell nearest to `p`.
+    fn cell_at(&self, p: Vec3) -> IVec3 {
         let last = self.dims.as_ivec3() - 1;
         // What is not a number becomes zero.
         ((p - self.lo) / self.cell).floor().clamp(Vec3::ZERO, last.as_vec3()).as_ivec3()
@@ -173,15 +205,21 @@ impl Grid {
         if far < near || near >= ray.t_max {
             return None;
         }
-        let at = self.voxel(ray.origin + ray.direction * near);
-        let here = self.index(at);
-        if self.pages[here as usize] > 0 { Some(here) } else { self.next(ray, here).map(|(_, next)| next) }
+        let at = self.cell_at(ray.origin + ray.direction * near);
+        match self.voxels[self.index(at)] {
+            EMPTY => self.walk(ray, at).map(|(_, next)| next),
+            here => Some(here),
+        }
     }
 
     /// Where `ray` leaves voxel `i` for the next one with pages, and that; `None` where none comes.
     #[must_use]
     pub fn next(&self, ray: &Ray, i: u32) -> Option<(f32, u32)> {
-        let mut at = self.place(i).as_ivec3();
+        self.walk(ray, self.place(i).as_ivec3())
+    }
+
+    /// [`Self::next`] from a cell.
+    fn walk(&self, ray: &Ray, mut at: IVec3) -> Option<(f32, u32)> {
         let forward = ray.direction.cmpge(Vec3::ZERO);
         let step = IVec3::select(forward, IVec3::ONE, IVec3::NEG_ONE);
         let ahead = IVec3::select(forward, IVec3::ONE, IVec3::ZERO);
@@ -209,8 +247,8 @@ impl Grid {
             if at.cmplt(IVec3::ZERO).any() || at.cmpge(dims).any() {
                 return None;
             }
-            let here = self.index(at);
-            if self.pages[here as usize] > 0 {
+            let here = self.voxels[self.index(at)];
+            if here != EMPTY {
                 return Some((least, here));
             }
         }

@@ -16,6 +16,8 @@ pub trait Residency: Sync {
     fn gone(&self, voxel: u32) -> Option<u32>;
     /// Bytes of a page.
     fn page_bytes(&self) -> u64;
+    /// Bytes of the tables that counting needs.
+    fn index_bytes(&self) -> u64;
 }
 
 /// What a voxel has seen in the whole render.
@@ -103,7 +105,7 @@ impl<'g> Ledger<'g> {
         let page_bytes = self.residency.map_or(0, Residency::page_bytes);
         stats.grid = grid.dims();
         stats.bounds = grid.bounds();
-        stats.voxels = u64::from(grid.filled());
+        stats.voxels = grid.len() as u64;
         stats.voxel_visits = self.visits;
         stats.rays_queued = self.queued;
         stats.rays_per_visit = if self.visits > 0 { self.queued as f64 / self.visits as f64 } else { 0.0 };

@@ -8,12 +8,13 @@
 //! ray is traced.
 
 use super::bag::{Bag, Taken};
-use super::{Fresh, Grid, Ledger, Meter, Order, Piece, Sink, Traveller};
-use crate::accel::{Accel, Hit, NONE, Ray};
+use super::worker::{Key, Worker};
+use super::{Fresh, Grid, Ledger, Meter, Order, Piece, Sink, Traveller, lock};
+use crate::accel::{Accel, Hit};
 use crate::permits;
 use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 
 /// How much may wait, and how much runs together.
 #[derive(Clone, Copy, Debug)]
@@ -35,10 +36,10 @@ const LEAST_TAKEN: usize = 64;
 
 /// Rays that wait: those that have met nothing so far, with where they go on; those that have met something, before
 /// which something else may lie; and tests.
-struct Queue<P, T> {
-    open: Bag<P, f32>,
-    met: Bag<P, Met>,
-    tests: Bag<T, f32>,
+pub(super) struct Queue<P, T> {
+    pub(super) open: Bag<P, f32>,
+    pub(super) met: Bag<P, Met>,
+    pub(super) tests: Bag<T, f32>,
 }
 
 impl<P: Traveller, T: Traveller> Queue<P, T> {
@@ -54,29 +55,29 @@ impl<P: Traveller, T: Traveller> Queue<P, T> {
 /// Where a ray that has met something goes on, and what it has met.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
-struct Met {
-    from: f32,
-    hit: Hit,
+pub(super) struct Met {
+    pub(super) from: f32,
+    pub(super) hit: Hit,
 }
 
 /// What a thread has taken from a queue.
-struct Load<P, T> {
-    open: Vec<Taken<P, f32>>,
-    met: Vec<Taken<P, Met>>,
-    tests: Vec<Taken<T, f32>>,
+pub(super) struct Load<P, T> {
+    pub(super) open: Vec<Taken<P, f32>>,
+    pub(super) met: Vec<Taken<P, Met>>,
+    pub(super) tests: Vec<Taken<T, f32>>,
     len: usize,
 }
 
 /// The queues of a render.
 pub struct Queues<'g, P, T> {
-    grid: &'g Grid,
-    order: Order,
+    pub(super) grid: &'g Grid,
+    pub(super) order: Order,
     limits: Limits,
     /// By voxel; the last one for rays that come past none.
-    queues: Vec<Mutex<Queue<P, T>>>,
+    pub(super) queues: Vec<Mutex<Queue<P, T>>>,
     /// How many rays each has.
     lengths: Vec<AtomicUsize>,
-    meter: &'g Meter,
+    pub(super) meter: &'g Meter,
     /// Rays in all queues.
     waiting: AtomicUsize,
     state: Mutex<State<'g>>,
@@ -96,11 +97,6 @@ struct State<'g> {
     done: bool,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What a panic leaves is not used: it goes on in the thread that joins.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Lets no thread wait for the rays that a panic has taken away.
 struct EndOnPanic<'q, 'g, P: Traveller, T: Traveller>(&'q Queues<'g, P, T>);
 
@@ -112,9 +108,6 @@ impl<P: Traveller, T: Traveller> Drop for EndOnPanic<'_, '_, P, T> {
     }
 }
 
-/// A ray's place in the order, and where it lies.
-type Key = (u64, u32, u32);
-
 /// What a thread does next.
 enum Step<P, T> {
     Begin(Vec<Piece>),
@@ -122,18 +115,15 @@ enum Step<P, T> {
     Nothing,
 }
 
-/// A thread's way through the queues.
-struct Worker<'q, 'g, A: ?Sized, P, T, S> {
-    queues: &'q Queues<'g, P, T>,
-    accel: &'q A,
-    sink: &'q mut S,
-    fresh: Fresh<P, T>,
-    keys: Vec<Key>,
-}
-
 impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
-    /// Bytes that a ray takes which a thread has taken, beside those of its queue.
-    pub const RAY_BYTES: usize = size_of::<Key>();
+    /// Bytes that a ray takes which a thread has taken, beside those of its queue: its key, and what may follow from it.
+    pub const RAY_BYTES: usize = size_of::<Key>() + size_of::<P>() + size_of::<T>();
+
+    /// Bytes of the tables for `voxels` voxels.
+    #[must_use]
+    pub fn bytes_of(voxels: usize) -> usize {
+        (voxels + 1) * (size_of::<Mutex<Queue<P, T>>>() + size_of::<AtomicUsize>())
+    }
 
     /// Empty, one for each voxel of `grid`.
     #[must_use]
@@ -169,7 +159,8 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
     ) {
         let _end = EndOnPanic(self);
         lock(&self.state).busy += 1;
-        let mut worker = Worker { queues: self, accel, sink, fresh: Fresh::default(), keys: Vec::new() };
+        let mut worker =
+            Worker { queues: self, accel, sink, stop, fresh: Fresh::default(), keys: Vec::new() };
         let mut last = None;
         loop {
             if stop() {
@@ -278,7 +269,7 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
 
     /// Puts a ray into a list of the queue of `voxel`, if there is room; whether there was.
     #[inline]
-    fn put<R: Traveller, E: Pod>(
+    pub(super) fn put<R: Traveller, E: Pod>(
         &self,
         voxel: usize,
         list: impl Fn(&mut Queue<P, T>) -> &mut Bag<R, E>,
@@ -294,18 +285,13 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         added
     }
 
-    /// The order of `rays`, in `keys`.
-    fn sort<R: Traveller, E: Pod>(&self, rays: &[Taken<R, E>], keys: &mut Vec<Key>) {
-        keys.clear();
-        for (taken, i) in rays.iter().zip(0u32..) {
-            let key = |j: u32| (self.order.key(&taken.get(j as usize).0.ray()), i, j);
-            keys.extend((0..taken.len() as u32).map(key));
+    /// Says that there are more rays than before.
+    pub(super) fn wake(&self) {
+        // One is enough: whoever finds more than it takes wakes the next when it has put something down. One that goes
+        // to sleep just now is not heard, which loses help and no ray: the caller goes on itself.
+        if self.idle.load(Ordering::Relaxed) > 0 {
+            self.changed.notify_one();
         }
-        keys.sort_unstable();
-    }
-
-    fn give<R: Traveller, E: Pod>(&self, rays: Vec<Taken<R, E>>) {
-        rays.into_iter().for_each(|taken| taken.give(self.meter));
     }
 
     /// Waits until there may be something to do; false when there never will be.
@@ -328,104 +314,6 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             self.idle.fetch_add(1, Ordering::Relaxed);
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
             self.idle.fetch_sub(1, Ordering::Relaxed);
-        }
-    }
-}
-
-impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_, A, P, T, S> {
-    /// Traces what was taken in the order of rays.
-    fn visit(&mut self, voxel: usize, load: Load<P, T>) {
-        let Load { open, met, tests, .. } = load;
-        let mut keys = std::mem::take(&mut self.keys);
-        self.queues.sort(&tests, &mut keys);
-        for &(_, i, j) in &keys {
-            let (item, from) = tests[i as usize].get(j as usize);
-            self.test(voxel, item, from);
-        }
-        self.queues.give(tests);
-        self.queues.sort(&open, &mut keys);
-        for &(_, i, j) in &keys {
-            let (item, from) = open[i as usize].get(j as usize);
-            self.path(voxel, item, from, &Hit::MISS);
-        }
-        self.queues.give(open);
-        for taken in &met {
-            for i in 0..taken.len() {
-                let (item, Met { from, hit }) = taken.get(i);
-                self.path(voxel, item, from, &hit);
-            }
-        }
-        self.queues.give(met);
-        self.keys = keys;
-    }
-
-    /// Where a ray goes from `voxel`.
-    #[inline(always)]
-    fn after(&self, ray: &Ray, voxel: usize) -> Option<(f32, u32)> {
-        if voxel < self.queues.grid.len() { self.queues.grid.next(ray, voxel as u32) } else { None }
-    }
-
-    #[inline(always)]
-    fn path(&mut self, voxel: usize, item: P, from: f32, so_far: &Hit) {
-        let ray = item.ray();
-        let next = self.after(&ray, voxel);
-        let to = next.map_or(f32::INFINITY, |(to, _)| to);
-        let mut hit = self.accel.closest_part(&ray, from, to, so_far);
-        if let Some((from, voxel)) = next.filter(|&(to, _)| hit.t >= to) {
-            let (queues, voxel) = (self.queues, voxel as usize);
-            let put = if hit.geometry == NONE {
-                queues.put(voxel, |queue| &mut queue.open, &item, &from)
-            } else {
-                queues.put(voxel, |queue| &mut queue.met, &item, &Met { from, hit })
-            };
-            if put {
-                return;
-            }
-            hit = self.accel.closest_part(&ray, from, f32::INFINITY, &hit);
-        }
-        self.sink.hit(item, hit, &mut self.fresh);
-    }
-
-    #[inline(always)]
-    fn test(&mut self, voxel: usize, item: T, from: f32) {
-        let ray = item.ray();
-        let next = self.after(&ray, voxel);
-        let to = next.map_or(f32::INFINITY, |(to, _)| to);
-        let mut occluded = self.accel.occluded_part(&ray, from, to);
-        if let Some((from, voxel)) = next.filter(|_| !occluded) {
-            if self.queues.put(voxel as usize, |queue| &mut queue.tests, &item, &from) {
-                return;
-            }
-            occluded = self.accel.occluded_part(&ray, from, f32::INFINITY);
-        }
-        self.sink.seen(item, occluded);
-    }
-
-    /// Puts new rays into the queues where they begin; where there is no room they are traced, and so may bring new ones.
-    fn place(&mut self) {
-        const FROM: f32 = f32::NEG_INFINITY;
-        let queues = self.queues;
-        let last = queues.queues.len() - 1;
-        let voxel = |ray: &Ray| queues.grid.enter(ray).map_or(last, |v| v as usize);
-        loop {
-            if let Some(item) = self.fresh.tests.pop() {
-                let ray = item.ray();
-                if !queues.put(voxel(&ray), |queue| &mut queue.tests, &item, &FROM) {
-                    self.sink.seen(item, self.accel.occluded(&ray));
-                }
-            } else if let Some(item) = self.fresh.paths.pop() {
-                let ray = item.ray();
-                if !queues.put(voxel(&ray), |queue| &mut queue.open, &item, &FROM) {
-                    self.sink.hit(item, self.accel.closest(&ray), &mut self.fresh);
-                }
-            } else {
-                break;
-            }
-        }
-        // One is enough: whoever finds more than it takes wakes the next when it has put something down. One that goes
-        // to sleep just now is not heard, which loses help and no ray: this thread goes on itself.
-        if queues.idle.load(Ordering::Relaxed) > 0 {
-            queues.changed.notify_one();
         }
     }
 }

@@ -20,7 +20,9 @@ pub struct SchedulerStats {
     pub ray_memory: u64,
     /// Most bytes that they took.
     pub ray_memory_peak: u64,
-    /// Voxels along each axis; zero without a grid.
+    /// Bytes of tables beside: the grid, its queues, what tells which pages are in memory.
+    pub index_bytes: u64,
+    /// Cells along each axis; zero without a grid.
     pub grid: [u32; 3],
     /// The grid's box: least corner, greatest corner.
     pub bounds: [[f32; 3]; 2],

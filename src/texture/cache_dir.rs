@@ -32,6 +32,8 @@ use std::time::{Duration, SystemTime};
 use tiff::decoder::Decoder;
 use tiff::tags::Tag;
 
+/// A file of a process that is not here is left alone so long: the process may be on another machine, and write.
+const GONE_AGE: Duration = Duration::from_secs(60);
 /// A temporary file that nobody has touched for so long has no owner any more.
 const LEFTOVER_AGE: Duration = Duration::from_secs(24 * 3600);
 /// A file that changed within this time may change again without a new time stamp: clocks of file
@@ -214,19 +216,30 @@ fn remember(index: &Path, stamp: &Stamp, hash: &str) {
     }
 }
 
-/// Removes what crashed conversions left. Whoever writes one now has touched it within the day.
+/// Removes what crashed makers left: files of processes that are no more here, and such as nobody has touched for a day,
+/// whose process may be on another machine.
 pub(crate) fn remove_leftovers(dir: &Path) {
     let Ok(entries) = fs::read_dir(dir) else { return };
     for entry in entries.flatten() {
         let name = entry.file_name();
-        let ours = name.to_str().is_some_and(|n| n.starts_with(".weir-") && n.ends_with(".part"));
+        let own = |n: &str| n.strip_prefix(".weir-")?.strip_suffix(".part")?.split('-').next()?.parse().ok();
+        let process: Option<u32> = name.to_str().and_then(own);
+        let ours = process.is_some();
+        let gone = process.is_some_and(is_gone);
         let age = entry.metadata().and_then(|m| m.modified()).ok();
         let old =
             age.and_then(|t| SystemTime::now().duration_since(t).ok()).is_some_and(|d| d > LEFTOVER_AGE);
-        if ours && old {
+        let still = age.and_then(|t| SystemTime::now().duration_since(t).ok()).is_some_and(|d| d > GONE_AGE);
+        if ours && (old || (gone && still)) {
             let _ = fs::remove_file(entry.path());
         }
     }
+}
+
+/// Whether this machine says that it has no such process. One on another machine that shares the directory is taken for
+/// gone too, if its file has not grown for a minute ([`GONE_AGE`]).
+fn is_gone(process: u32) -> bool {
+    Path::new("/proc/self").exists() && !Path::new("/proc").join(process.to_string()).exists()
 }
 
 #[cfg(test)]

@@ -6,6 +6,9 @@
 use crate::determinism::everything;
 use crate::pages::{least, make, settings};
 use crate::support::outcome;
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
+use std::{fs, thread};
 use weir::error::Error;
 use weir::render::Outcome;
 use weir::scene::SceneDescription;
@@ -120,4 +123,82 @@ fn what_is_chosen_is_said_with_its_reason() {
     let (name, because) = choice(None, Schedule::Voxel);
     assert!(name == "sorted" && because.contains("stays in memory"), "{name}: {because}");
     assert_eq!(choice(None, Schedule::Depth), ("depth".into(), "asked for".into()));
+}
+
+/// Light is followed through interfaces and media while paths are shaded: that reads pages too, and must not wait for
+/// anybody who waits for it.
+#[test]
+fn interfaces_before_pages_neither_change_the_picture_nor_stop_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    make(Kind::City, 60_000, folder.path());
+    let path = folder.path().join("scene/scene.pbrt");
+    let haze = "MakeNamedMedium \"haze\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [ .02 .01 .03 ] \"rgb sigma_s\" [ 0 0 0 ]\n\
+                AttributeBegin\nMediumInterface \"haze\" \"\"\nMaterial \"interface\"\nTranslate -10 20 45\n\
+                Shape \"sphere\" \"float radius\" 25\nAttributeEnd\n\
+                AttributeBegin\nAreaLightSource \"diffuse\" \"rgb L\" [ 50 40 30 ]\nTranslate -5 0 60\n\
+                Shape \"sphere\" \"float radius\" 3\nAttributeEnd\n";
+    let text = fs::read_to_string(&path).expect("just made") + haze;
+    fs::write(&path, text).expect("writable");
+    let scene = weir::scene::load(&path).expect("a scene");
+    let whole = RenderSettings { schedule: Schedule::Depth, spp: Some(17), ..settings(folder.path()) };
+    let plain = render(&scene, &whole);
+    let base = RenderSettings { page_bytes: Some(4 << 10), threads: Some(4), ..whole.clone() };
+    let (said, heard) = mpsc::channel();
+    let scene = Arc::new(scene);
+    for schedule in [Schedule::Sorted, Schedule::Voxel] {
+        let base = RenderSettings { schedule, ..base.clone() };
+        let budget = least(&scene, &base);
+        let rays = least_for_rays(&scene, &RenderSettings { geometry_memory: Some(budget), ..base.clone() });
+        for ray_memory in [rays, 8 << 20] {
+            let settings = RenderSettings {
+                geometry_memory: Some(budget),
+                ray_memory: Some(ray_memory),
+                ..base.clone()
+            };
+            let (scene, said) = (Arc::clone(&scene), said.clone());
+            // Not joined: one that never ends would hold up the test that finds it.
+            thread::spawn(move || said.send(render(&scene, &settings)));
+            let queued = heard.recv_timeout(Duration::from_secs(200));
+            let queued = queued.unwrap_or_else(|e| panic!("{schedule:?}, {ray_memory} bytes: {e}"));
+            assert!(queued.image.pixels == plain.image.pixels, "{schedule:?}, {ray_memory}: another picture");
+            let stats = &queued.stats;
+            assert!(stats.scheduler.ray_memory_peak <= ray_memory, "{schedule:?}: {:?}", stats.scheduler);
+            assert!(stats.geometry_cache.as_ref().is_some_and(|c| c.total.counts.misses_capacity > 0));
+        }
+    }
+}
+
+#[test]
+fn many_threads_need_more_memory_for_rays_and_say_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = everything(folder.path());
+    let few = RenderSettings { schedule: Schedule::Sorted, threads: Some(1), ..RenderSettings::default() };
+    let many = RenderSettings { threads: Some(64), ..few.clone() };
+    let (least_of_few, least) = (least_for_rays(&scene, &few), least_for_rays(&scene, &many));
+    assert!(least > 2 * least_of_few, "{least} for 64 threads, {least_of_few} for one");
+    let peak =
+        render(&scene, &RenderSettings { ray_memory: Some(least), ..many }).stats.scheduler.ray_memory_peak;
+    assert!(peak <= least, "{peak} of {least}");
+}
+
+/// Asked to stop, it stops within moments, whatever waits.
+#[test]
+fn a_limit_on_time_is_kept() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = make(Kind::City, 60_000, folder.path());
+    let base = RenderSettings {
+        page_bytes: Some(4 << 10),
+        spp: Some(100_000),
+        time_limit_seconds: Some(0.5),
+        ..settings(folder.path())
+    };
+    for schedule in [Schedule::Sorted, Schedule::Voxel, Schedule::Auto] {
+        let settings = RenderSettings { schedule, ..base.clone() };
+        let settings = RenderSettings { geometry_memory: Some(least(&scene, &settings)), ..settings };
+        let stats = render(&scene, &settings).stats;
+        assert!(stats.interrupted, "{schedule:?}");
+        // Far more than it takes, and far less than the rays of a queue.
+        assert!(stats.time.render_s < 5.0, "{schedule:?}: {} s", stats.time.render_s);
+        assert!(schedule != Schedule::Auto || stats.scheduler.name == "depth");
+    }
 }

@@ -44,6 +44,12 @@ impl Residents {
         let _ = self.watch.set(Watch { starts, regions, present: count(), seen: count() });
     }
 
+    /// Bytes of these tables.
+    pub(super) fn bytes(&self) -> usize {
+        let watch = |w: &Watch| 4 * (w.starts.len() + w.regions.len() + 2 * w.seen.len());
+        self.seen.len() + self.watch.get().map_or(0, watch)
+    }
+
     /// Pages of `region` that have been in memory and are not; `None` where nobody counts.
     pub(super) fn gone(&self, region: u32) -> Option<u32> {
         let watch = self.watch.get()?;

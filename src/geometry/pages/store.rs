@@ -107,6 +107,12 @@ impl PageStore {
         self.residents.watch(pairs, regions);
     }
 
+    /// Bytes of the tables that count.
+    #[must_use]
+    pub fn watch_bytes(&self) -> u64 {
+        self.residents.bytes() as u64
+    }
+
     /// Pages of `region` that have been in memory and are not now; `None` where nobody counts.
     #[must_use]
     pub fn gone(&self, region: u32) -> Option<u32> {
