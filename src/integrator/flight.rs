@@ -197,6 +197,8 @@ pub struct Shader<'b, 'a, A: ?Sized> {
     slots: Vec<u32>,
     weights: Vec<f32>,
     counters: &'b mut Counters,
+    /// Whether what it is given is of no more use.
+    stop: &'b (dyn Fn() -> bool + Sync),
 }
 
 impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
@@ -207,6 +209,7 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
         film: &'b dyn Film,
         counters: &'b mut Counters,
         gathered: usize,
+        stop: &'b (dyn Fn() -> bool + Sync),
     ) -> Self {
         let (met, order) = (Vec::with_capacity(gathered), Vec::with_capacity(gathered));
         Self {
@@ -220,6 +223,7 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
             slots: Vec::new(),
             weights: Vec::new(),
             counters,
+            stop,
         }
     }
 
@@ -243,6 +247,9 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
             let count = rest.iter().take(WAVE).take_while(|&&(_, i)| depth_of(i) == depth).count();
             let (wave, others) = rest.split_at(count);
             rest = others;
+            if (self.stop)() {
+                break;
+            }
             self.shade_wave(wave, depth, fresh);
         }
         self.order = order;

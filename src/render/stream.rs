@@ -196,8 +196,9 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             let permits = Permits::new(threads);
             self.crew(workers(threads), &mut counters, |counters| {
                 permits.hold(|| {
-                    let mut shader = Shader::new(self.world, &units, &part, counters, gathered);
-                    queues.work(self.world.accel, &mut shader, &|| self.should_stop());
+                    let stop = || self.should_stop();
+                    let mut shader = Shader::new(self.world, &units, &part, counters, gathered, &stop);
+                    queues.work(self.world.accel, &mut shader, &stop);
                 });
             });
             ledger = queues.finish();

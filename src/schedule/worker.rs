@@ -8,8 +8,8 @@ use super::{Fresh, Sink, Traveller};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use bytemuck::Pod;
 
-/// Rays between two looks at whether to stop.
-const STOP_EVERY: usize = 256;
+/// Rays between two looks at whether to stop: where memory is tight each may wait for many pages.
+const STOP_EVERY: usize = 16;
 
 /// A ray's place in the order, and where it lies.
 pub(super) type Key = (u64, u32, u32);

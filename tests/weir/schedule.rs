@@ -157,7 +157,9 @@ fn interfaces_before_pages_neither_change_the_picture_nor_stop_it() {
             };
             let (scene, said) = (Arc::clone(&scene), said.clone());
             // Not joined: one that never ends would hold up the test that finds it.
-            thread::spawn(move || said.send(render(&scene, &settings)));
+            thread::spawn(move || {
+                let _ = said.send(render(&scene, &settings));
+            });
             let queued = heard.recv_timeout(Duration::from_secs(200));
             let queued = queued.unwrap_or_else(|e| panic!("{schedule:?}, {ray_memory} bytes: {e}"));
             assert!(queued.image.pixels == plain.image.pixels, "{schedule:?}, {ray_memory}: another picture");
