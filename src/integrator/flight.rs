@@ -1,20 +1,17 @@
-//! Paths in flight: records that wait in a scheduler's queues, and the sums that their light goes to.
+//! Paths in flight: records that wait in a scheduler's queues, and are shaded when their rays come back.
 //!
-//! A path's own ray and its light samples travel apart and come back in any order. So that the picture does not depend
-//! on it, a sample has two sums: of what its path runs into, which comes in the order of its vertices, since each
-//! follows from the one before; and of what light samples bring, which is added in that order too: what comes early is
-//! put aside. `path.rs` adds the same terms in the same order.
+//! The sums that their light goes to are in `units.rs`.
 //!
 //! Never decides which ray is traced next.
 
 use super::path::{Path, Shadow, Wave, World};
+use super::units::{Film, SAMPLE_BITS, UNIT, UNIT_PIECES, Unit, Units};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::schedule::{Fresh, Meter, PIECE_BYTES, Piece, Sink, Traveller, WORDS, lock};
+use crate::schedule::{Fresh, PIECE_BYTES, Piece, Sink, Traveller, lock};
 use crate::stats::Counters;
 use bytemuck::{Pod, Zeroable};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 
 /// Hits that are sorted and shaded together, at most.
 pub const GATHERED: usize = 1 << 13;
@@ -22,19 +19,6 @@ pub const GATHERED: usize = 1 << 13;
 const WORTH: usize = 1 << 8;
 /// Paths that are shaded at once: they and what they need stay in the second-level cache.
 const WAVE: usize = 1 << 10;
-
-/// Bits of a slot that say which sample of its unit it is.
-const SAMPLE_BITS: u32 = 10;
-/// Samples of a unit at most.
-pub const UNIT: usize = 1 << SAMPLE_BITS;
-/// Units at a time, at most: slots can name more, but each takes a place in a table.
-pub const MOST_UNITS: u32 = 1 << 16;
-const _: () = assert!(MOST_UNITS as u64 * UNIT as u64 <= 1 << 32, "slots name all samples");
-
-/// Samples whose sums lie in one piece.
-const IN_A_PIECE: usize = WORDS * 4 / size_of::<Sums>();
-/// Pieces of a unit's sums.
-pub const UNIT_PIECES: usize = UNIT / IN_A_PIECE;
 
 /// Bytes that a unit takes at most, if no more light samples wait than paths do.
 pub const UNIT_BYTES: usize =
@@ -75,111 +59,6 @@ impl Traveller for Probe {
     #[inline(always)]
     fn ray(&self) -> Ray {
         self.shadow.ray
-    }
-}
-
-/// Where samples come from and go to; units are counted from zero.
-pub trait Film: Sync {
-    /// Adds the camera paths of `unit` to `wave`, and the weights of their samples to `weights`: [`UNIT`] at most.
-    fn start(&self, unit: u32, wave: &mut Wave, weights: &mut Vec<f32>);
-    /// Takes the radiance of all samples of `unit`.
-    fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters);
-}
-
-/// The sums of a sample.
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct Sums {
-    /// What its path runs into.
-    met: Rgb,
-    /// What light samples bring.
-    direct: Rgb,
-    /// Of the sample in its pixel.
-    weight: f32,
-    /// Light samples that have set out and those that have been added, modulo 2¹⁶.
-    sent: u16,
-    added: u16,
-}
-
-const _: () = assert!(size_of::<Sums>() == 32, "sums fill pieces to the end");
-
-/// A unit on its way.
-struct Unit {
-    pieces: Vec<Piece>,
-    samples: usize,
-    /// Light samples that came before their turn.
-    early: Vec<(u32, u16, Rgb)>,
-    /// Rays on their way.
-    rays: u32,
-}
-
-impl Unit {
-    /// In `pieces`, of samples of these weights.
-    fn new(pieces: Vec<Piece>, weights: &[f32]) -> Self {
-        let mut unit = Self { pieces, samples: weights.len(), early: Vec::new(), rays: weights.len() as u32 };
-        for (&weight, i) in weights.iter().zip(0..) {
-            *unit.sums(i) = Sums { weight, ..Sums::zeroed() };
-        }
-        unit
-    }
-
-    fn sums(&mut self, sample: u32) -> &mut Sums {
-        let sample = sample as usize;
-        let sums: &mut [Sums] = bytemuck::cast_slice_mut(&mut self.pieces[sample / IN_A_PIECE][..]);
-        &mut sums[sample % IN_A_PIECE]
-    }
-
-    /// Adds what light sample `order` of `sample` brings, when those before it have been added.
-    fn add(&mut self, sample: u32, order: u16, light: Rgb) {
-        let sums = self.sums(sample);
-        if sums.added != order {
-            self.early.push((sample, order, light));
-            return;
-        }
-        sums.direct += light;
-        sums.added = order.wrapping_add(1);
-        let mut next = sums.added;
-        while let Some(at) = self.early.iter().position(|e| e.0 == sample && e.1 == next) {
-            let light = self.early.swap_remove(at).2;
-            next = next.wrapping_add(1);
-            let sums = self.sums(sample);
-            sums.direct += light;
-            sums.added = next;
-        }
-    }
-}
-
-/// All units of a render, or of a part of it.
-pub struct Units<'m> {
-    units: Vec<Mutex<Option<Unit>>>,
-    next: AtomicU32,
-    /// Gets the pieces of units that are done.
-    meter: &'m Meter,
-    /// Paths in flight, and the most that have been.
-    paths: AtomicUsize,
-    peak_paths: AtomicUsize,
-}
-
-impl<'m> Units<'m> {
-    /// Bytes of a unit's place in the table.
-    pub const PLACE_BYTES: usize = size_of::<Mutex<Option<Unit>>>();
-
-    /// `count` units, at most [`MOST_UNITS`].
-    #[must_use]
-    pub fn new(count: u32, meter: &'m Meter) -> Self {
-        Self {
-            units: (0..count).map(|_| Mutex::new(None)).collect(),
-            next: AtomicU32::new(0),
-            meter,
-            paths: AtomicUsize::new(0),
-            peak_paths: AtomicUsize::new(0),
-        }
-    }
-
-    /// Most paths that were in flight at once.
-    #[must_use]
-    pub fn peak_paths(&self) -> u64 {
-        self.peak_paths.load(Ordering::Relaxed) as u64
     }
 }
 
@@ -362,17 +241,6 @@ impl<A: Accel + ?Sized> World<'_, A> {
         let ray = Ray::new(path.origin, path.direction);
         let shadow = Shadow { ray, contribution, slot: path.slot, medium: NONE };
         After::Sky(Probe { shadow, order: SKY })
-    }
-}
-
-impl Units<'_> {
-    fn finish(&self, unit: u32, done: Option<Unit>, film: &dyn Film, counters: &mut Counters) {
-        let Some(done) = done else { return };
-        let sums = || done.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
-        let radiance: Vec<Rgb> = sums().take(done.samples).map(|sums| sums.met + sums.direct).collect();
-        let weights: Vec<f32> = sums().take(done.samples).map(|sums| sums.weight).collect();
-        film.finish(unit, &radiance, &weights, counters);
-        self.meter.give(done.pieces);
     }
 }
 

@@ -13,3 +13,4 @@ mod media;
 pub mod path;
 pub mod sampler;
 mod shade;
+pub mod units;

@@ -10,10 +10,9 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::film::TILE;
 use crate::geometry::pages::PageStore;
-use crate::integrator::flight::{
-    Film, Flight, GATHERED, HIT_BYTES, MOST_UNITS, Probe, Shader, UNIT, UNIT_BYTES, UNIT_PIECES, Units,
-};
+use crate::integrator::flight::{Flight, GATHERED, HIT_BYTES, Probe, Shader, UNIT_BYTES};
 use crate::integrator::path::Wave;
+use crate::integrator::units::{Film, MOST_UNITS, UNIT, UNIT_PIECES, Units};
 use crate::permits::Permits;
 use crate::schedule::{Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Queues, Residency};
 use crate::stats::{Counters, SchedulerStats};
