@@ -199,8 +199,8 @@ fn a_limit_on_time_is_kept() {
         let settings = RenderSettings { geometry_memory: Some(least(&scene, &settings)), ..settings };
         let stats = render(&scene, &settings).stats;
         assert!(stats.interrupted, "{schedule:?}");
-        // Far more than it takes, and far less than the rays of a queue.
-        assert!(stats.time.render_s < 5.0, "{schedule:?}: {} s", stats.time.render_s);
+        // Far more than it takes on a busy machine; all samples would take hours.
+        assert!(stats.time.render_s < 30.0, "{schedule:?}: {} s", stats.time.render_s);
         assert!(schedule != Schedule::Auto || stats.scheduler.name == "depth");
     }
 }
