@@ -165,36 +165,30 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
             let next = path.map_or(After::End, |path| world.after(path, depth + 1, counters));
             ended += usize::from(!matches!(next, After::Flight(_)));
 
-            let (unit, sample) = (slot >> SAMPLE_BITS, slot % UNIT as u32);
-            let mut place = lock(&units.units[unit as usize]);
-            let sums = place.as_mut().expect("a unit stays until its last ray is back");
-            sums.rays -= 1;
-            sums.sums(sample).met += found;
-            if let Some(light) = light {
-                let order = sums.sums(sample).sent;
-                sums.sums(sample).sent = order.wrapping_add(1);
-                match light {
-                    LightSample::Known(light) => sums.add(sample, order, light),
-                    LightSample::Asks(shadow) => {
-                        sums.rays += 1;
-                        fresh.tests.push(Probe { shadow, order: order.into() });
+            units.answer(slot, *film, counters, |unit, sample| {
+                unit.sums(sample).met += found;
+                if let Some(light) = light {
+                    let order = unit.send(sample);
+                    match light {
+                        LightSample::Known(light) => unit.add(sample, order, light),
+                        LightSample::Asks(shadow) => {
+                            unit.rays += 1;
+                            fresh.tests.push(Probe { shadow, order: order.into() });
+                        }
                     }
                 }
-            }
-            match next {
-                After::Flight(flight) => {
-                    sums.rays += 1;
-                    fresh.paths.push(flight);
+                match next {
+                    After::Flight(flight) => {
+                        unit.rays += 1;
+                        fresh.paths.push(flight);
+                    }
+                    After::Sky(probe) => {
+                        unit.rays += 1;
+                        fresh.tests.push(probe);
+                    }
+                    After::End => {}
                 }
-                After::Sky(probe) => {
-                    sums.rays += 1;
-                    fresh.tests.push(probe);
-                }
-                After::End => {}
-            }
-            let done = if sums.rays == 0 { place.take() } else { None };
-            drop(place);
-            units.finish(unit, done, *film, counters);
+            });
         }
         units.paths.fetch_sub(ended, Ordering::Relaxed);
     }
@@ -279,22 +273,15 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
     #[inline(always)]
     fn seen(&mut self, probe: Probe, occluded: bool) {
         let Probe { shadow, order } = probe;
-        let (unit, sample) = (shadow.slot >> SAMPLE_BITS, shadow.slot % UNIT as u32);
-        let mut place = lock(&self.units.units[unit as usize]);
-        let sums = place.as_mut().expect("a unit stays until its last ray is back");
-        if order == SKY {
-            if !occluded {
-                sums.sums(sample).met += shadow.contribution;
+        self.units.answer(shadow.slot, self.film, self.counters, |unit, sample| {
+            if order != SKY {
+                // Not left out where something is in the way: what is infinite shows in every schedule.
+                let transmitted = if occluded { Rgb::ZERO } else { Rgb::ONE };
+                unit.add(sample, order as u16, shadow.contribution * transmitted);
+            } else if !occluded {
+                unit.sums(sample).met += shadow.contribution;
             }
-        } else {
-            // Not left out where something is in the way: what is infinite shows in every schedule.
-            let transmitted = if occluded { Rgb::ZERO } else { Rgb::ONE };
-            sums.add(sample, order as u16, shadow.contribution * transmitted);
-        }
-        sums.rays -= 1;
-        let done = if sums.rays == 0 { place.take() } else { None };
-        drop(place);
-        self.units.finish(unit, done, self.film, self.counters);
+        });
     }
 
     fn settle(&mut self, all: bool, fresh: &mut Fresh<Flight, Probe>) -> bool {

@@ -9,7 +9,7 @@
 
 use super::path::Wave;
 use crate::color::Rgb;
-use crate::schedule::{Meter, Piece, WORDS};
+use crate::schedule::{Meter, Piece, WORDS, lock};
 use crate::stats::Counters;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Mutex;
@@ -43,11 +43,11 @@ pub(super) struct Sums {
     /// What its path runs into.
     pub(super) met: Rgb,
     /// What light samples bring.
-    pub(super) direct: Rgb,
+    direct: Rgb,
     /// Of the sample in its pixel.
     weight: f32,
     /// Light samples that have set out and those that have been added, modulo 2¹⁶.
-    pub(super) sent: u16,
+    sent: u16,
     added: u16,
 }
 
@@ -77,6 +77,14 @@ impl Unit {
         let sample = sample as usize;
         let sums: &mut [Sums] = bytemuck::cast_slice_mut(&mut self.pieces[sample / IN_A_PIECE][..]);
         &mut sums[sample % IN_A_PIECE]
+    }
+
+    /// The number of the light sample of `sample` that sets out now.
+    pub(super) fn send(&mut self, sample: u32) -> u16 {
+        let sent = &mut self.sums(sample).sent;
+        let order = *sent;
+        *sent = order.wrapping_add(1);
+        order
     }
 
     /// Adds what light sample `order` of `sample` brings, when those before it have been added.
@@ -134,12 +142,34 @@ impl<'m> Units<'m> {
 }
 
 impl Units<'_> {
-    pub(super) fn finish(&self, unit: u32, done: Option<Unit>, film: &dyn Film, counters: &mut Counters) {
-        let Some(done) = done else { return };
-        let sums = || done.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
-        let radiance: Vec<Rgb> = sums().take(done.samples).map(|sums| sums.met + sums.direct).collect();
-        let weights: Vec<f32> = sums().take(done.samples).map(|sums| sums.weight).collect();
-        film.finish(unit, &radiance, &weights, counters);
-        self.meter.give(done.pieces);
+    /// Counts a ray of the sample `slot` as answered, and lets `add` write down what came of it: nothing that may wait,
+    /// since the unit is locked. The last answer of a unit ends it.
+    #[inline(always)]
+    pub(super) fn answer(
+        &self,
+        slot: u32,
+        film: &dyn Film,
+        counters: &mut Counters,
+        add: impl FnOnce(&mut Unit, u32),
+    ) {
+        let name = slot >> SAMPLE_BITS;
+        let mut place = lock(&self.units[name as usize]);
+        let unit = place.as_mut().expect("a unit stays until its last ray is back");
+        add(unit, slot % UNIT as u32);
+        unit.rays -= 1;
+        if unit.rays > 0 {
+            return;
+        }
+        let done = place.take();
+        drop(place);
+        done.into_iter().for_each(|unit| self.finish(name, unit, film, counters));
+    }
+
+    fn finish(&self, name: u32, unit: Unit, film: &dyn Film, counters: &mut Counters) {
+        let sums = || unit.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
+        let radiance: Vec<Rgb> = sums().take(unit.samples).map(|sums| sums.met + sums.direct).collect();
+        let weights: Vec<f32> = sums().take(unit.samples).map(|sums| sums.weight).collect();
+        film.finish(name, &radiance, &weights, counters);
+        self.meter.give(unit.pieces);
     }
 }

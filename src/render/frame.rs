@@ -63,12 +63,7 @@ pub(super) fn render(
     // Only where tiles may have to go and come again does the order of work cost anything.
     let reads_tiles =
         !textures.store().all_tiles_fit() || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
-    let (name, because) = choice(settings, geometry);
-    let waiting = match (name, &geometry.pages) {
-        ("voxel", Some(pages)) => Some(Waiting::Voxel { pages, voxels: settings.voxels }),
-        ("depth", _) => None,
-        _ => Some(Waiting::Sorted),
-    };
+    let (waiting, because) = choice(settings, geometry);
     let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
     if waiting.is_some() {
         check_ray_memory(ray_memory, threads)?;
@@ -134,7 +129,8 @@ pub(super) fn render(
         texture_latency_s: settings.texture_latency_seconds,
     };
     stats.memory.peak_accounted += scheduler.ray_memory_peak + scheduler.index_bytes;
-    stats.scheduler = SchedulerStats { name: name.into(), because, ..scheduler };
+    stats.scheduler =
+        SchedulerStats { name: waiting.as_ref().map_or("depth", Waiting::name).into(), because, ..scheduler };
     stats.finish(&counters);
     let mut unreadable = Vec::new();
     if let Some((cache, names)) = textures.store().cache() {
@@ -161,24 +157,26 @@ pub(super) fn render(
     Ok(Outcome { image, stats, interrupted, notes, unreadable })
 }
 
-/// Which schedule, and why.
-fn choice(settings: &RenderSettings, geometry: &SceneGeometry) -> (&'static str, String) {
+/// Whether rays wait, and why.
+fn choice<'g>(settings: &RenderSettings, geometry: &'g SceneGeometry) -> (Option<Waiting<'g>>, String) {
     let asked = || "asked for".to_owned();
-    match settings.schedule {
-        Schedule::Depth => ("depth", asked()),
-        Schedule::Sorted => ("sorted", asked()),
-        Schedule::Voxel if geometry.pages.is_some() => ("voxel", asked()),
-        Schedule::Voxel => ("sorted", "voxel was asked for, but all geometry stays in memory".into()),
-        Schedule::Auto => match &geometry.pages {
-            // What is in flight when time is over is lost, and it is much.
-            Some(_) if settings.time_limit_seconds.is_some() => {
-                ("depth", "a limit on time wants samples that are done soon".into())
-            }
-            Some(pages) if !pages.fits_all() => {
-                ("voxel", format!("{} bytes of geometry in room for {}", pages.all_bytes(), pages.budget()))
-            }
-            _ => ("depth", "all geometry fits in memory".into()),
-        },
+    let voxel = |pages: &'g PageStore| Some(Waiting::Voxel { pages, voxels: settings.voxels });
+    match (settings.schedule, &geometry.pages) {
+        (Schedule::Depth, _) => (None, asked()),
+        (Schedule::Sorted, _) => (Some(Waiting::Sorted), asked()),
+        (Schedule::Voxel, Some(pages)) => (voxel(pages), asked()),
+        (Schedule::Voxel, None) => {
+            (Some(Waiting::Sorted), "voxel was asked for, but all geometry stays in memory".into())
+        }
+        // What is in flight when time is over is lost, and it is much.
+        (Schedule::Auto, Some(_)) if settings.time_limit_seconds.is_some() => {
+            (None, "a limit on time wants samples that are done soon".into())
+        }
+        (Schedule::Auto, Some(pages)) if !pages.fits_all() => {
+            let because = format!("{} bytes of geometry in room for {}", pages.all_bytes(), pages.budget());
+            (voxel(pages), because)
+        }
+        (Schedule::Auto, _) => (None, "all geometry fits in memory".into()),
     }
 }
 

@@ -67,52 +67,39 @@ impl<A: Accel + ?Sized> Job<'_, A> {
     /// Renders a wave at a time on each thread.
     pub(super) fn run(&self, threads: usize) -> Counters {
         (self.control.progress)(Progress::Phase("rendering"));
-        let mut total = Counters::default();
-        self.crew(threads, &mut total, |counters| self.work(counters));
-        total
+        self.crew(threads, |counters| self.work(counters))
     }
 
-    /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand, and adds what they count to
-    /// `total`.
-    pub(super) fn crew<R: Send>(
-        &self,
-        threads: usize,
-        total: &mut Counters,
-        work: impl Fn(&mut Counters) -> R + Sync,
-    ) -> Vec<R> {
+    /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand; what they count.
+    pub(super) fn crew(&self, threads: usize, work: impl Fn(&mut Counters) + Sync) -> Counters {
         let one = || {
             let mut counters = Counters::default();
             let attached = self.textures.attach();
             let held = self.pages.map(PageStore::hold);
             let cpu = stats::thread_cpu_seconds();
-            let result = work(&mut counters);
+            work(&mut counters);
             drop(attached);
             drop(held);
             if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
-                counters.busy_nanoseconds += ((to - from) * 1e9) as u64;
+                counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
             }
-            (counters, result)
+            counters
         };
-        let mut results = Vec::with_capacity(threads);
+        let mut total = Counters::default();
         std::thread::scope(|scope| {
             // A thread that the system refuses is one fewer; this one works in any case.
             let workers: Vec<_> = (1..threads)
                 .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, one).ok())
                 .collect();
-            results.push(one());
+            total.merge(&one());
             for w in workers {
                 match w.join() {
-                    Ok(result) => results.push(result),
+                    Ok(counters) => total.merge(&counters),
                     Err(panic) => std::panic::resume_unwind(panic),
                 }
             }
         });
-        (results.into_iter())
-            .map(|(counters, result)| {
-                total.merge(&counters);
-                result
-            })
-            .collect()
+        total
     }
 
     fn work(&self, counters: &mut Counters) {
@@ -143,6 +130,24 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         }
     }
 
+    /// Adds samples that are done, and says so now and then.
+    pub(super) fn count_samples(&self, samples: u64, counters: &mut Counters) {
+        counters.samples += samples;
+        if self.first_pixel.get().is_none() {
+            let _ = self.first_pixel.set(Instant::now());
+        }
+        let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
+        // A few times a second at most.
+        if done >> 16 != (done - samples) >> 16 {
+            (self.control.progress)(Progress::Samples { done, total: self.total_samples() });
+        }
+    }
+
+    fn total_samples(&self) -> u64 {
+        let [x0, y0, x1, y1] = self.film.crop;
+        u64::from(self.spp) * u64::from(x1 - x0) * u64::from(y1 - y0)
+    }
+
     pub(super) fn should_stop(&self) -> bool {
         let stop = self.control.cancel.load(Ordering::Relaxed)
             || self.deadline.is_some_and(|limit| self.start.elapsed().as_secs_f64() >= limit);
@@ -168,9 +173,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             self.buffer.abandon();
             return false;
         }
-        let weights = std::mem::take(&mut scratch.weights);
-        self.sum(pass, wave.radiance.iter().copied(), &weights, scratch, counters);
-        scratch.weights = weights;
+        self.sum(pass, &wave.radiance, &scratch.weights, &mut scratch.sums, counters);
         self.buffer.add(tile, pass, &scratch.sums)
     }
 
@@ -195,21 +198,22 @@ impl<A: Accel + ?Sized> Job<'_, A> {
     pub(super) fn sum(
         &self,
         pass: u32,
-        mut radiance: impl Iterator<Item = Rgb>,
+        radiance: &[Rgb],
         weights: &[f32],
-        scratch: &mut Scratch,
+        sums: &mut Vec<[f32; 4]>,
         counters: &mut Counters,
     ) {
-        scratch.sums.clear();
-        for weights in weights.chunks(self.samples_of(pass).len()) {
+        sums.clear();
+        let per_pixel = self.samples_of(pass).len();
+        for (radiance, weights) in radiance.chunks(per_pixel).zip(weights.chunks(per_pixel)) {
             let mut sum = [0.0f32; 4];
-            for (&w, l) in weights.iter().zip(&mut radiance) {
+            for (&l, &w) in radiance.iter().zip(weights) {
                 let l = self.sensor(l, counters);
                 for (s, v) in sum.iter_mut().zip([l.x * w, l.y * w, l.z * w, w]) {
                     *s += v;
                 }
             }
-            scratch.sums.push(sum);
+            sums.push(sum);
         }
     }
 
@@ -239,13 +243,7 @@ impl Drop for AbandonOnPanic<'_> {
 
 /// Buffers of a thread that are reused from tile to tile.
 #[derive(Default)]
-pub(super) struct Scratch {
+struct Scratch {
     weights: Vec<f32>,
     sums: Vec<[f32; 4]>,
-}
-
-impl Scratch {
-    pub(super) fn into_sums(self) -> Vec<[f32; 4]> {
-        self.sums
-    }
 }

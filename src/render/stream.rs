@@ -4,7 +4,7 @@
 //! Invariant: film tiles get their passes in order, and each sample the same sums as in `job.rs`.
 
 use super::Progress;
-use super::job::{Job, PASS, Scratch};
+use super::job::{Job, PASS};
 use crate::accel::Accel;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -17,9 +17,7 @@ use crate::permits::Permits;
 use crate::schedule::{Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Queues, Residency};
 use crate::stats::{Counters, SchedulerStats};
 use std::collections::HashMap;
-use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
-use std::time::Instant;
 
 /// Memory for rays where nobody says how much.
 pub(super) const DEFAULT_RAY_MEMORY: u64 = 256 << 20;
@@ -57,6 +55,16 @@ pub(super) enum Waiting<'a> {
     Sorted,
     /// One for each voxel over `pages`; some `voxels` of them, if that is said.
     Voxel { pages: &'a PageStore, voxels: Option<u32> },
+}
+
+impl Waiting<'_> {
+    /// What it is called on the command line.
+    pub(super) fn name(&self) -> &'static str {
+        match self {
+            Self::Sorted => "sorted",
+            Self::Voxel { .. } => "voxel",
+        }
+    }
 }
 
 impl Residency for PageStore {
@@ -131,12 +139,12 @@ impl<A: Accel + ?Sized> Film for Part<'_, '_, A> {
 
     fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters) {
         let (tile, pass) = self.job.unit(self.first + u64::from(unit));
-        let mut scratch = Scratch::default();
-        self.job.sum(pass, radiance.iter().copied(), weights, &mut scratch, counters);
+        let mut sums = Vec::new();
+        self.job.sum(pass, radiance, weights, &mut sums, counters);
         let buffer = &self.job.buffer;
         {
             let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
-            early.insert((tile, pass), scratch.into_sums());
+            early.insert((tile, pass), sums);
             let mut pass = buffer.passes(tile);
             while let Some(sums) = early.remove(&(tile, pass)) {
                 buffer.add(tile, pass, &sums);
@@ -193,13 +201,14 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             let part = Part { job: self, first, early: Mutex::default() };
             let queues = Queues::new(&grid, ledger, order, limits, &meter);
             let permits = Permits::new(threads);
-            self.crew(workers(threads), &mut counters, |counters| {
+            let counted = self.crew(workers(threads), |counters| {
                 permits.hold(|| {
                     let stop = || self.should_stop();
                     let mut shader = Shader::new(self.world, &units, &part, counters, gathered, &stop);
                     queues.work(self.world.accel, &mut shader, &stop);
                 });
             });
+            counters.merge(&counted);
             ledger = queues.finish();
             stats.paths_in_flight_peak = stats.paths_in_flight_peak.max(units.peak_paths());
             first += u64::from(count);
@@ -219,23 +228,5 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let (place, pass) =
             if self.deadline.is_some() { (i % tiles, i / tiles) } else { (i / passes, i % passes) };
         (self.along[place as usize], pass as u32)
-    }
-
-    /// Adds samples that are done, and says so now and then.
-    pub(super) fn count_samples(&self, samples: u64, counters: &mut Counters) {
-        counters.samples += samples;
-        if self.first_pixel.get().is_none() {
-            let _ = self.first_pixel.set(Instant::now());
-        }
-        let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
-        // A few times a second at most.
-        if done >> 16 != (done - samples) >> 16 {
-            (self.control.progress)(Progress::Samples { done, total: self.total_samples() });
-        }
-    }
-
-    fn total_samples(&self) -> u64 {
-        let [x0, y0, x1, y1] = self.film.crop;
-        u64::from(self.spp) * u64::from(x1 - x0) * u64::from(y1 - y0)
     }
 }

@@ -13,6 +13,7 @@ const MOST_CELLS: u64 = 1 << 18;
 const EMPTY: u32 = u32::MAX;
 
 /// A grid of cells of one size. Those with pages are voxels, counted from zero.
+#[derive(Default)]
 pub struct Grid {
     lo: Vec3,
     hi: Vec3,
@@ -33,15 +34,7 @@ impl Grid {
             .iter()
             .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), b| (lo.min(b.lo), hi.max(b.hi)));
         if boxes.is_empty() {
-            return Self {
-                lo,
-                hi,
-                cell: Vec3::ONE,
-                dims: UVec3::ZERO,
-                voxels: Vec::new(),
-                cells: Vec::new(),
-                pages: Vec::new(),
-            };
+            return Self::default();
         }
         let size =
             (hi - lo).max(Vec3::splat((hi - lo).max_element() * 1e-6)).max(Vec3::splat(f32::MIN_POSITIVE));
@@ -61,15 +54,7 @@ impl Grid {
 
     fn with_edge(boxes: &[PageBox], lo: Vec3, hi: Vec3, size: Vec3, edge: f32) -> Self {
         let dims = (size / edge).ceil().as_uvec3().clamp(UVec3::ONE, UVec3::splat(MOST));
-        let mut grid = Self {
-            lo,
-            hi,
-            cell: size / dims.as_vec3(),
-            dims,
-            voxels: Vec::new(),
-            cells: Vec::new(),
-            pages: Vec::new(),
-        };
+        let mut grid = Self { lo, hi, cell: size / dims.as_vec3(), dims, ..Self::default() };
         // Differences along the axes, summed up afterwards: a box costs the same however many voxels it covers.
         let wide = dims + 1;
         let at = |v: UVec3| ((v.z * wide.y + v.y) * wide.x + v.x) as usize;
@@ -113,7 +98,7 @@ impl Grid {
     /// Least and greatest corner.
     #[must_use]
     pub fn bounds(&self) -> [[f32; 3]; 2] {
-        if self.dims == UVec3::ZERO { [[0.0; 3]; 2] } else { [self.lo.to_array(), self.hi.to_array()] }
+        [self.lo.to_array(), self.hi.to_array()]
     }
 
     /// Voxels.

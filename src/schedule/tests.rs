@@ -2,19 +2,16 @@
 
 use super::{Fresh, Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Piece, Queues, Sink, Traveller};
 use crate::accel::{Accel, Hit, PageBox, Ray};
+use crate::stats::sample_hash;
 use glam::Vec3;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
 
-/// Multiply and xor-shift (the finalizer of SplitMix64).
 fn random(seed: u64) -> impl FnMut() -> f32 {
-    let mut state = seed;
+    let mut next = seed << 32;
     move || {
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 40) as f32 / (1 << 24) as f32
+        next += 1;
+        (sample_hash(next) >> 8) as f32 / (1 << 24) as f32
     }
 }
 

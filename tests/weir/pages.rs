@@ -42,12 +42,17 @@ fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
     outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
 }
 
+/// How much of `option` a refusal says would do.
+pub(crate) fn would_do(scene: &SceneDescription, settings: &RenderSettings, option: &str) -> u64 {
+    let Err(Error::Usage(line)) = outcome(scene, settings) else { panic!("{option} is enough") };
+    let after = line.split(&format!("{option} ")).nth(1).unwrap_or_else(|| panic!("{line}"));
+    after.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+}
+
 /// What a refusal of `budget` asks for.
 fn asked_for(scene: &SceneDescription, settings: &RenderSettings, budget: u64) -> u64 {
     let settings = RenderSettings { geometry_memory: Some(budget), ..settings.clone() };
-    let Err(Error::Usage(line)) = outcome(scene, &settings) else { panic!("{budget} bytes are enough") };
-    let after = line.split("--geometry-memory ").nth(1).unwrap_or_else(|| panic!("{line}"));
-    after.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+    would_do(scene, &settings, "--geometry-memory")
 }
 
 /// The least that does: what pages need is said at once, the rest when they have been made.

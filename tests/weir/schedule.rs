@@ -4,12 +4,11 @@
 //! Invariant: everything is made on the spot, in a directory of the test's own.
 
 use crate::determinism::everything;
-use crate::pages::{least, make, settings};
+use crate::pages::{least, make, settings, would_do};
 use crate::support::outcome;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 use std::{fs, thread};
-use weir::error::Error;
 use weir::render::Outcome;
 use weir::scene::SceneDescription;
 use weir::settings::{Backend, RenderSettings, Schedule};
@@ -22,9 +21,7 @@ fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
 /// The least that does, as the refusal says it.
 fn least_for_rays(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
     let settings = RenderSettings { ray_memory: Some(1), ..settings.clone() };
-    let Err(Error::Usage(line)) = outcome(scene, &settings) else { panic!("one byte is enough") };
-    let after = line.split("--ray-memory ").nth(1).unwrap_or_else(|| panic!("{line}"));
-    after.split(' ').next().and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("{line}"))
+    would_do(scene, &settings, "--ray-memory")
 }
 
 #[test]
