@@ -226,8 +226,12 @@ impl RenderStats {
     }
 
     /// Reads the process's peak memory again: writing images comes after [`Self::finish`].
+    ///
+    /// Linux keeps the peak from counters that it sums roughly and tells what is resident from an exact sum, so a sample
+    /// may lie above the peak; what was once seen was there.
     pub fn note_peak_memory(&mut self) {
-        self.memory.peak_rss = peak_rss_bytes();
+        let seen = self.memory.timeline.iter().filter_map(|sample| sample.rss).max();
+        self.memory.peak_rss = peak_rss_bytes().max(seen);
         self.memory.unaccounted =
             self.memory.peak_rss.map(|rss| rss as i64 - self.memory.peak_accounted as i64);
     }
@@ -278,6 +282,16 @@ mod tests {
             assert_eq!(stats.memory.unaccounted, Some(rss as i64 - 1000));
         }
         assert_eq!(RenderStats::default().samples_per_second(), 0.0);
+    }
+
+    #[test]
+    fn no_sample_is_above_the_peak() {
+        let mut stats = RenderStats::default();
+        let rss = Some(1 << 60);
+        stats.memory.timeline =
+            vec![MemorySample { rss, ..MemorySample::default() }, MemorySample::default()];
+        stats.note_peak_memory();
+        assert_eq!(stats.memory.peak_rss, rss, "more than any process holds");
     }
 
     /// The keys are a contract: other programs read them.
