@@ -67,6 +67,45 @@ pub fn lend<R>(wait: impl FnOnce() -> R) -> R {
     result
 }
 
+/// What one thread makes while others wait for it.
+pub struct Promise<T> {
+    state: Mutex<State<T>>,
+    done: Condvar,
+}
+
+enum State<T> {
+    Open,
+    /// `None` where its maker has come to grief.
+    Kept(Option<T>),
+}
+
+impl<T> Default for Promise<T> {
+    fn default() -> Self {
+        Self { state: Mutex::new(State::Open), done: Condvar::new() }
+    }
+}
+
+impl<T: Clone> Promise<T> {
+    /// Gives it to all who wait; `None` when it will not come.
+    pub fn keep(&self, made: Option<T>) {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = State::Kept(made);
+        self.done.notify_all();
+    }
+
+    /// What was made, when it is there; `None` when its maker gave up. Lends this thread's permit meanwhile.
+    pub fn wait(&self) -> Option<T> {
+        lend(|| {
+            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            loop {
+                if let State::Kept(made) = &*state {
+                    return made.clone();
+                }
+                state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+            }
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,6 +9,8 @@ mod load;
 pub(crate) mod stage;
 mod stream;
 
+pub use frame::{Frames, with_frames};
+
 use crate::error::Result;
 use crate::film::Image;
 use crate::scene::SceneDescription;

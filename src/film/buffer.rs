@@ -1,6 +1,7 @@
 //! Sums of samples by tile. A tile's samples arrive pass by pass and in one order only, whoever
 //! computes them, so the sums do not depend on who finished first.
 
+use crate::permits;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -96,7 +97,8 @@ impl FilmBuffer {
             if self.abandoned.load(Ordering::Relaxed) {
                 return false;
             }
-            std::thread::yield_now();
+            // Whoever comes before may want the permit.
+            permits::lend(std::thread::yield_now);
         }
     }
 

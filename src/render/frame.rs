@@ -8,12 +8,13 @@ use super::load::open_pages;
 use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::stream::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
-use crate::accel::{Builder, Pages};
+use crate::accel::{Accel, Builder, Pages};
 use crate::error::Result;
 use crate::film::{FilmBuffer, FilterSampler, Image};
 use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
 use crate::integrator::lights::Lights;
+use crate::integrator::path::World;
 use crate::scene::{Film, SceneDescription};
 use crate::settings::{RenderSettings, Schedule};
 use crate::stats::{self, RenderStats, SchedulerStats};
@@ -22,21 +23,49 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
+/// A scene that is loaded and built, to be rendered as often as one likes.
+pub struct Frames<'a, 'c> {
+    scene: &'a SceneDescription,
+    stage: &'a Stage,
+    builder: &'a Builder,
+    world: World<'a, dyn Accel + 'a>,
+    /// Bytes of geometry and acceleration structures that stay.
+    staying: u64,
+    /// What loading cost.
+    loaded: RenderStats,
+    threads: usize,
+    start: Instant,
+    control: &'a Control<'c>,
+}
+
 /// See [`super::render`].
 pub(super) fn render(
     scene: &SceneDescription,
     settings: &RenderSettings,
     control: &Control<'_>,
 ) -> Result<Outcome> {
+    with_frames(scene, settings, control, |frames| frames.render(settings))
+}
+
+/// Loads and builds `scene`, and calls `work` with what renders it.
+///
+/// # Errors
+/// As [`super::render`], and those of `work`.
+pub fn with_frames<R>(
+    scene: &SceneDescription,
+    settings: &RenderSettings,
+    control: &Control<'_>,
+    work: impl FnOnce(&mut Frames<'_, '_>) -> Result<R>,
+) -> Result<R> {
     let (pool, threads) = pool(settings)?;
     let film = effective_film(scene, settings)?;
-    let mut stats = RenderStats::default();
+    let mut loaded = RenderStats::default();
     let start = Instant::now();
 
     (control.progress)(Progress::Phase("loading"));
     let (stage, environments) = pool.install(|| Stage::load(scene, settings, threads, control))?;
     let Stage { geometry, textures, .. } = &stage;
-    stats.time.prepare_s = start.elapsed().as_secs_f64();
+    loaded.time.prepare_s = start.elapsed().as_secs_f64();
 
     (control.progress)(Progress::Phase("building"));
     let build_start = Instant::now();
@@ -44,117 +73,140 @@ pub(super) fn render(
     let (world_geometry, objects, instances) = geometry.for_backend();
     let pages = geometry.pages.as_ref().map(|pages| pages as &dyn Pages);
     let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, geometry, pages))?;
-    stats.time.build_s = build_start.elapsed().as_secs_f64();
+    loaded.time.build_s = build_start.elapsed().as_secs_f64();
     let staying = geometry.bytes() + accel.bytes();
     open_pages(geometry, staying, settings, threads)?;
     if let Some(watch) = control.watch {
         let tiles = textures.store().cache().map(|(cache, _)| cache.used());
         watch.follow(tiles, geometry.pages.as_ref().map(PageStore::used), staying);
     }
-    stats.plan.bytes.geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
-    stats.plan.bytes.textures = textures.store().all_bytes();
+    loaded.plan.bytes.geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
+    loaded.plan.bytes.textures = textures.store().all_bytes();
 
     let lights = Lights::new(scene, geometry, textures, environments);
     let emitters = emitters_only(&builder, geometry, &lights)?;
-    let spp = settings.spp.unwrap_or(scene.spp).max(1);
     let world = stage.world(scene, settings, film.size, lights, (&*accel, emitters.as_deref()));
+    let (stage, builder) = (&stage, &builder);
+    work(&mut Frames { scene, stage, builder, world, staying, loaded, threads, start, control })
+}
 
-    let buffer = FilmBuffer::new(film.crop);
-    // Only where tiles may have to go and come again does the order of work cost anything.
-    let reads_tiles =
-        !textures.store().all_tiles_fit() || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
-    let (waiting, because) = choice(settings, geometry);
-    let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
-    if waiting.is_some() {
-        check_ray_memory(ray_memory, threads)?;
+impl Frames<'_, '_> {
+    /// Renders it. `settings` may differ from those that it was loaded with in samples, seed, size, crop, depth, roulette,
+    /// estimator, sampler, schedule and limits of rays and time.
+    ///
+    /// # Errors
+    /// A crop outside the film, or a memory for rays that is too small.
+    pub fn render(&mut self, settings: &RenderSettings) -> Result<Outcome> {
+        let film = effective_film(self.scene, settings)?;
+        Stage::configure(&mut self.world, self.scene, settings, film.size);
+        self.trace(settings, &film)
     }
-    let job = Job {
-        world: &world,
-        textures: textures.store(),
-        pages: geometry.pages.as_ref(),
-        film: &film,
-        filter: FilterSampler::new(&scene.filter),
-        spp,
-        seed: settings.seed.unwrap_or(scene.seed),
-        next: AtomicU64::new(0),
-        order: if reads_tiles && settings.time_limit_seconds.is_none() {
-            Order::Tiles
-        } else {
-            Order::Passes
-        },
-        along: buffer.along(),
-        buffer,
-        samples: AtomicU64::new(0),
-        first_pixel: OnceLock::new(),
-        stopped: AtomicBool::new(false),
-        control,
-        deadline: settings.time_limit_seconds,
-        start: Instant::now(),
-    };
-    let (counters, scheduler) = match &waiting {
-        None => (job.run(threads), SchedulerStats::default()),
-        Some(waiting) => job.run_in_queues(threads, waiting, ray_memory),
-    };
-    let render_s = job.start.elapsed().as_secs_f64();
 
-    let interrupted = job.stopped.load(Ordering::Relaxed);
-    stats.time.render_s = render_s;
-    stats.time.total_s = start.elapsed().as_secs_f64();
-    stats.time.first_pixel_s =
-        job.first_pixel.get().map_or(0.0, |t: &Instant| t.duration_since(start).as_secs_f64());
-    stats.threads = threads;
-    stats.weir = env!("CARGO_PKG_VERSION").into();
-    stats.scene = scene.path.display().to_string();
-    stats.interrupted = interrupted;
-    let [x0, y0, x1, y1] = film.crop;
-    stats.image.width = x1 - x0;
-    stats.image.height = y1 - y0;
-    stats.image.pixels_without_samples = job.buffer.untouched_pixels();
-    stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
-    stats.memory.peak_accounted =
-        geometry.bytes() + accel.bytes() + textures.store().bytes() + job.buffer.bytes();
-    stats.settings = stats::EffectiveSettings {
-        backend: builder.name(),
-        spp,
-        seed: job.seed,
-        max_depth: world.max_depth,
-        roulette: settings.roulette.unwrap_or(true),
-        robust: settings.robust,
-        strict: settings.strict,
-        time_limit_s: settings.time_limit_seconds,
-        crop: film.crop,
-        full_size: [film.size.0, film.size.1],
-        texture_memory: settings.texture_memory,
-        geometry_memory: settings.geometry_memory,
-        texture_latency_s: settings.texture_latency_seconds,
-    };
-    stats.memory.peak_accounted += scheduler.ray_memory_peak + scheduler.index_bytes;
-    stats.scheduler =
-        SchedulerStats { name: waiting.as_ref().map_or("depth", Waiting::name).into(), because, ..scheduler };
-    stats.finish(&counters);
-    let mut unreadable = Vec::new();
-    if let Some((cache, names)) = textures.store().cache() {
-        let cost = cache.stats(names);
-        stats.time.stall_s = cost.total.stall_s;
-        stats.texture_cache = Some(cost);
-        stats.miss_ratio.texture = cache.miss_ratio_curve();
-        let stands_in = |line: &String| format!("{line}; magenta stands in for it");
-        unreadable = cache.failures().iter().map(stands_in).collect();
+    fn trace(&self, settings: &RenderSettings, film: &Film) -> Result<Outcome> {
+        let Self { scene, stage, builder, ref world, staying, threads, start, control, .. } = *self;
+        let geometry = &stage.geometry;
+        let textures = &stage.textures;
+        let mut stats = self.loaded.clone();
+        let spp = settings.spp.unwrap_or(scene.spp).max(1);
+        let buffer = FilmBuffer::new(film.crop);
+        // Only where tiles may have to go and come again does the order of work cost anything.
+        let reads_tiles = !textures.store().all_tiles_fit()
+            || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
+        let (waiting, because) = choice(settings, geometry);
+        let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
+        if waiting.is_some() {
+            check_ray_memory(ray_memory, threads)?;
+        }
+        let job = Job {
+            world,
+            textures: textures.store(),
+            pages: geometry.pages.as_ref(),
+            film,
+            filter: FilterSampler::new(&scene.filter),
+            spp,
+            seed: settings.seed.unwrap_or(scene.seed),
+            next: AtomicU64::new(0),
+            order: if reads_tiles && settings.time_limit_seconds.is_none() {
+                Order::Tiles
+            } else {
+                Order::Passes
+            },
+            along: buffer.along(),
+            buffer,
+            samples: AtomicU64::new(0),
+            first_pixel: OnceLock::new(),
+            stopped: AtomicBool::new(false),
+            control,
+            deadline: settings.time_limit_seconds,
+            start: Instant::now(),
+        };
+        let (counters, scheduler) = match &waiting {
+            None => (job.run(threads), SchedulerStats::default()),
+            Some(waiting) => job.run_in_queues(threads, waiting, ray_memory),
+        };
+        let render_s = job.start.elapsed().as_secs_f64();
+
+        let interrupted = job.stopped.load(Ordering::Relaxed);
+        stats.time.render_s = render_s;
+        stats.time.total_s = start.elapsed().as_secs_f64();
+        stats.time.first_pixel_s =
+            job.first_pixel.get().map_or(0.0, |t: &Instant| t.duration_since(start).as_secs_f64());
+        stats.threads = threads;
+        stats.weir = env!("CARGO_PKG_VERSION").into();
+        stats.scene = scene.path.display().to_string();
+        stats.interrupted = interrupted;
+        let [x0, y0, x1, y1] = film.crop;
+        stats.image.width = x1 - x0;
+        stats.image.height = y1 - y0;
+        stats.image.pixels_without_samples = job.buffer.untouched_pixels();
+        stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
+        stats.memory.peak_accounted = staying + textures.store().bytes() + job.buffer.bytes();
+        stats.settings = stats::EffectiveSettings {
+            backend: builder.name(),
+            spp,
+            seed: job.seed,
+            max_depth: world.max_depth,
+            roulette: settings.roulette.unwrap_or(true),
+            robust: settings.robust,
+            strict: settings.strict,
+            time_limit_s: settings.time_limit_seconds,
+            crop: film.crop,
+            full_size: [film.size.0, film.size.1],
+            texture_memory: settings.texture_memory,
+            geometry_memory: settings.geometry_memory,
+            texture_latency_s: settings.texture_latency_seconds,
+        };
+        stats.memory.peak_accounted += scheduler.ray_memory_peak + scheduler.index_bytes;
+        stats.scheduler = SchedulerStats {
+            name: waiting.as_ref().map_or("depth", Waiting::name).into(),
+            because,
+            ..scheduler
+        };
+        stats.finish(&counters);
+        let mut unreadable = Vec::new();
+        if let Some((cache, names)) = textures.store().cache() {
+            let cost = cache.stats(names);
+            stats.time.stall_s = cost.total.stall_s;
+            stats.texture_cache = Some(cost);
+            stats.miss_ratio.texture = cache.miss_ratio_curve();
+            let stands_in = |line: &String| format!("{line}; magenta stands in for it");
+            unreadable = cache.failures().iter().map(stands_in).collect();
+        }
+        if let Some(pages) = &geometry.pages {
+            let (mut cost, curve, failures) = pages.stats();
+            cost.making_bytes = geometry.making_bytes;
+            stats.time.stall_s += cost.total.stall_s;
+            stats.memory.peak_accounted += cost.peak + cost.index_bytes;
+            stats.geometry_cache = Some(cost);
+            stats.miss_ratio.geometry = curve;
+            unreadable.extend(failures);
+        }
+        let notes = textures.store().notes().to_vec();
+        let mut image = Image::cropped(film.size, film.crop);
+        image.pixels = job.buffer.resolve();
+        balance(&mut image.pixels, film);
+        Ok(Outcome { image, stats, interrupted, notes, unreadable })
     }
-    if let Some(pages) = &geometry.pages {
-        let (mut cost, curve, failures) = pages.stats();
-        cost.making_bytes = geometry.making_bytes;
-        stats.time.stall_s += cost.total.stall_s;
-        stats.memory.peak_accounted += cost.peak + cost.index_bytes;
-        stats.geometry_cache = Some(cost);
-        stats.miss_ratio.geometry = curve;
-        unreadable.extend(failures);
-    }
-    let notes = textures.store().notes().to_vec();
-    let mut image = Image::cropped(film.size, film.crop);
-    image.pixels = job.buffer.resolve();
-    balance(&mut image.pixels, &film);
-    Ok(Outcome { image, stats, interrupted, notes, unreadable })
 }
 
 /// Whether rays wait, and why.

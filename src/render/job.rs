@@ -4,6 +4,7 @@
 //! are summed in order.
 //! Never loads, and never decides what is rendered.
 
+use super::stream::workers;
 use super::{Control, Progress};
 use crate::accel::Accel;
 use crate::color::Rgb;
@@ -11,6 +12,7 @@ use crate::film::{FilmBuffer, FilterSampler};
 use crate::geometry::pages::PageStore;
 use crate::integrator::path::{Wave, World};
 use crate::integrator::sampler::pixel_key;
+use crate::permits::Permits;
 use crate::scene::Film;
 use crate::stats::{self, Counters};
 use crate::texture::TextureStore;
@@ -67,7 +69,11 @@ impl<A: Accel + ?Sized> Job<'_, A> {
     /// Renders a wave at a time on each thread.
     pub(super) fn run(&self, threads: usize) -> Counters {
         (self.control.progress)(Progress::Phase("rendering"));
-        self.crew(threads, |counters| self.work(counters))
+        if self.pages.is_none_or(PageStore::fits_all) {
+            return self.crew(threads, |counters| self.work(counters));
+        }
+        let permits = Permits::new(threads);
+        self.crew(workers(threads), |counters| permits.hold(|| self.work(counters)))
     }
 
     /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand; what they count.

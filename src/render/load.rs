@@ -63,11 +63,8 @@ pub(super) fn load(
 
 /// Threads that look up at the same time, at most.
 fn looking_up(settings: &RenderSettings, threads: usize) -> usize {
-    let waits = match settings.schedule {
-        Schedule::Depth => false,
-        Schedule::Sorted | Schedule::Voxel => true,
-        Schedule::Auto => settings.geometry_memory.is_some() && settings.time_limit_seconds.is_none(),
-    };
+    let waits =
+        settings.geometry_memory.is_some() || matches!(settings.schedule, Schedule::Sorted | Schedule::Voxel);
     if waits { workers(threads) } else { threads }
 }
 

@@ -66,12 +66,9 @@ impl Stage {
     ) -> World<'a, A> {
         let materials = Materials::new(scene, &self.textures, &self.tables);
         let shading = shading(&self.geometry, &materials, &lights);
-        let spp = settings.spp.unwrap_or(scene.spp).max(1);
-        let roulette = settings.roulette.unwrap_or(true);
-        let samples_lights = lights.can_be_sampled() && settings.estimator != Estimator::Scattering;
-        World {
+        let mut world = World {
             estimator: settings.estimator,
-            samples_lights,
+            samples_lights: false,
             accel,
             emitters_only,
             geometry: Surfaces::new(&self.geometry, |s| shading[s].needs),
@@ -83,10 +80,29 @@ impl Stage {
             media: scene.media.clone(),
             camera_medium: scene.camera_medium,
             camera: Camera::new(&scene.camera, film_size),
-            max_depth: settings.max_depth.unwrap_or(scene.integrator.max_depth),
-            rr_threshold: if roulette { scene.integrator.rr_threshold } else { 0.0 },
-            footprint_scale: (1.0 / (spp as f32).sqrt()).max(0.125),
-        }
+            max_depth: 0,
+            rr_threshold: 0.0,
+            footprint_scale: 1.0,
+        };
+        Self::configure(&mut world, scene, settings, film_size);
+        world
+    }
+
+    /// Makes of `world` what it is under other `settings`, of which those that belong to loading are not looked at.
+    pub(crate) fn configure<A: Accel + ?Sized>(
+        world: &mut World<'_, A>,
+        scene: &SceneDescription,
+        settings: &RenderSettings,
+        film_size: (u32, u32),
+    ) {
+        let spp = settings.spp.unwrap_or(scene.spp).max(1);
+        let roulette = settings.roulette.unwrap_or(true);
+        world.estimator = settings.estimator;
+        world.samples_lights = world.lights.can_be_sampled() && settings.estimator != Estimator::Scattering;
+        world.camera = Camera::new(&scene.camera, film_size);
+        world.max_depth = settings.max_depth.unwrap_or(scene.integrator.max_depth);
+        world.rr_threshold = if roulette { scene.integrator.rr_threshold } else { 0.0 };
+        world.footprint_scale = (1.0 / (spp as f32).sqrt()).max(0.125);
     }
 }
 

@@ -6,6 +6,7 @@ mod cache;
 mod key_hasher;
 mod miss_ratio;
 mod process;
+mod references;
 mod scheduler;
 mod timeline;
 
@@ -13,6 +14,7 @@ pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
 pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
 pub use process::{available_memory_bytes, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
+pub use references::{References, SAMPLES};
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
 pub use timeline::{Gauge, MemorySample, MemoryWatch};
 

@@ -4,10 +4,8 @@
 //! checksum is right.
 
 use super::format::{Page, VERSION, is_whole};
-use super::residents::Residents;
 use crate::error::{Error, Result};
 use crate::open::open_entry;
-use crate::texture::cache::TileSource;
 use crate::texture::{FilePool, RawFile, TileScratch};
 use bytemuck::{Pod, Zeroable};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -67,8 +65,6 @@ pub(crate) struct PageFile {
     file: RawFile,
     page_bytes: usize,
     pages: u32,
-    /// Who is told of what is in memory, and what the first page is called there.
-    residents: Option<(Arc<Residents>, u32)>,
 }
 
 /// Writes a file page by page.
@@ -147,7 +143,7 @@ pub(super) fn open(
     }
     let file = RawFile::open(path, files).ok()?;
     let mesh = PagedMesh { first: 0, bounds, triangles: head.triangles };
-    Some((mesh, PageFile { file, page_bytes, pages: head.pages, residents: None }))
+    Some((mesh, PageFile { file, page_bytes, pages: head.pages }))
 }
 
 impl PageFile {
@@ -156,37 +152,18 @@ impl PageFile {
         self.file.path()
     }
 
-    /// Tells `residents` what is in memory, from now on; the first page is called `first` there.
-    pub(super) fn report_to(&mut self, residents: Arc<Residents>, first: u32) {
-        self.residents = Some((residents, first));
-    }
-}
-
-impl TileSource for PageFile {
-    fn tile_count(&self) -> u32 {
+    /// How many pages it has.
+    pub(super) fn pages(&self) -> u32 {
         self.pages
     }
 
-    fn tile_bytes(&self) -> usize {
-        self.page_bytes
-    }
-
-    fn first_tiles(&self) -> &[u32] {
-        &[0]
-    }
-
-    fn index_bytes(&self) -> usize {
-        size_of::<Self>()
-    }
-
-    fn is_alone(&self, _: u32) -> bool {
-        // None is more worth keeping than another.
-        false
-    }
-
-    fn read_tile(&self, tile: u32, out: &mut [u8], scratch: &mut TileScratch) -> Result<u64> {
-        let offset = ALIGNMENT + u64::from(tile) * self.page_bytes as u64;
-        let wrong = |cause: &str| Error::file(self.path(), format!("page {tile}: {cause}"));
+    /// Reads page `page` into `out`, which has the size of one; how many bytes were read for it.
+    ///
+    /// # Errors
+    /// One line that names the file, the page and the cause.
+    pub(super) fn read(&self, page: u32, out: &mut [u8], scratch: &mut TileScratch) -> Result<u64> {
+        let offset = ALIGNMENT + u64::from(page) * self.page_bytes as u64;
+        let wrong = |cause: &str| Error::file(self.path(), format!("page {page}: {cause}"));
         let read = self.file.read(offset, out, scratch).map_err(|cause| wrong(&cause))?;
         if is_whole(out) {
             return Ok(read);
@@ -196,22 +173,5 @@ impl TileSource for PageFile {
         Err(wrong(
             "damaged, and triangles are missing from the image; the file has been deleted: render again",
         ))
-    }
-
-    fn came(&self, tile: u32) {
-        if let Some((residents, first)) = &self.residents {
-            residents.came(first + tile);
-        }
-    }
-
-    fn went(&self, tile: u32) {
-        if let Some((residents, first)) = &self.residents {
-            residents.went(first + tile);
-        }
-    }
-
-    fn fill_unreadable(&self, out: &mut [u8]) {
-        // A page without nodes.
-        out.fill(0);
     }
 }

@@ -7,6 +7,7 @@
 use super::collect::{Asked, Kept, collect};
 use super::cutter::{Cutter, Placed};
 use super::file::{self, PageFile, PagedMesh};
+use super::files::least_budget;
 use super::format::VERSION;
 use super::memory::CutMemory;
 use crate::error::{Error, Result};
@@ -14,7 +15,6 @@ use crate::geometry::Mesh;
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
 use crate::replace::try_replace_entry;
-use crate::texture::cache::least_budget;
 use crate::texture::cache_dir::{MakersLock, UNSETTLED};
 use crate::texture::convert::Failure;
 use crate::texture::convert::fingerprint::Stamp;

@@ -4,17 +4,21 @@
 //! Invariant: a page's triangles are those of the mesh, bit for bit, so that the picture does not depend on what was
 //! resident. Never decides which meshes are paged: the loader does.
 
+mod cache;
 mod collect;
 #[cfg(test)]
 mod cut_tests;
 mod cutter;
 mod disk;
 mod file;
+mod files;
 mod format;
+mod looks;
 mod make;
 mod memory;
 mod residents;
 mod scratch;
+mod slots;
 mod sort;
 mod store;
 #[cfg(test)]

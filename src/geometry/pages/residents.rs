@@ -57,7 +57,8 @@ impl Residents {
         Some(count(&watch.seen).saturating_sub(count(&watch.present)))
     }
 
-    pub(super) fn came(&self, page: u32) {
+    /// `page` has come; whether for the first time.
+    pub(super) fn came(&self, page: u32) -> bool {
         let first = !self.seen[page as usize].swap(true, Ordering::Relaxed);
         self.count(page, |watch, region| {
             watch.present[region].fetch_add(1, Ordering::Relaxed);
@@ -65,6 +66,7 @@ impl Residents {
                 watch.seen[region].fetch_add(1, Ordering::Relaxed);
             }
         });
+        first
     }
 
     pub(super) fn went(&self, page: u32) {

@@ -2,47 +2,34 @@
 //!
 //! Invariant: bytes of pages never exceed what [`PageStore::open`] was given.
 
+use super::cache::PageCache;
 use super::file::PageFile;
+use super::files::{PageFiles, least_budget};
 use super::format::read_triangle;
-use super::residents::Residents;
+use super::looks::Looks;
 use crate::accel::Pages;
 use crate::accel::bvh::PageView;
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
 use crate::stats::{CacheStats, Gauge};
-use crate::texture::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
 use std::cell::RefCell;
 use std::marker::PhantomData;
-use std::path::PathBuf;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::time::Duration;
+use std::sync::OnceLock;
 
 thread_local! {
-    /// What this thread holds of the store that lives at the address.
-    static HELD: RefCell<Option<(usize, Thread)>> = const { RefCell::new(None) };
+    /// What this thread counts of its looks into the store that lives at the address.
+    static HELD: RefCell<Option<(usize, Looks)>> = const { RefCell::new(None) };
     /// The triangle that is shaded.
     static TRIANGLE: RefCell<Mesh> = RefCell::default();
 }
 
-/// Pages a thread holds at most: rays of a wave go to and fro among some hundreds.
-const THREAD_PAGES: usize = 1024;
-
-type Thread = ThreadCache<THREAD_PAGES>;
-
 /// All pages of a scene.
 pub struct PageStore {
-    /// By page: the file and where its pages begin.
-    files: Vec<u32>,
-    firsts: Vec<u32>,
-    names: Vec<PathBuf>,
-    /// Until it is opened.
-    sources: Mutex<Vec<Box<dyn TileSource>>>,
-    page_bytes: usize,
-    residents: Arc<Residents>,
-    cache: OnceLock<TileCache>,
+    files: PageFiles,
+    cache: OnceLock<PageCache>,
 }
 
-/// While it lives, this thread holds pages for itself.
+/// While it lives, this thread counts for itself.
 pub struct HeldPages<'a> {
     store: Option<&'a PageStore>,
     /// It belongs to the thread that made it.
@@ -54,45 +41,20 @@ impl PageStore {
     ///
     /// # Errors
     /// [`Error::Resource`] when there are more pages than names.
-    pub(crate) fn new(mut files: Vec<PageFile>, page_bytes: usize) -> Result<Self> {
-        let mut firsts = Vec::with_capacity(files.len());
-        let mut of = Vec::new();
-        for (file, i) in files.iter().zip(0u32..) {
-            firsts.push(of.len() as u32);
-            of.resize(of.len() + file.tile_count() as usize, i);
-        }
-        if of.len() > PageView::MAX_PAGES as usize {
-            return Err(Error::Resource(format!(
-                "{} pages of geometry, and {} can be named; give larger ones with --page-size",
-                of.len(),
-                PageView::MAX_PAGES
-            )));
-        }
-        let residents = Arc::new(Residents::new(of.len()));
-        for (file, &first) in files.iter_mut().zip(&firsts) {
-            file.report_to(Arc::clone(&residents), first);
-        }
-        Ok(Self {
-            residents,
-            files: of,
-            firsts,
-            names: files.iter().map(|f| f.path().to_path_buf()).collect(),
-            sources: Mutex::new(files.into_iter().map(|f| Box::new(f) as Box<dyn TileSource>).collect()),
-            page_bytes,
-            cache: OnceLock::new(),
-        })
+    pub(crate) fn new(files: Vec<PageFile>, page_bytes: usize) -> Result<Self> {
+        Ok(Self { files: PageFiles::new(files, page_bytes)?, cache: OnceLock::new() })
     }
 
     /// Bytes of all pages.
     #[must_use]
     pub fn all_bytes(&self) -> u64 {
-        (self.files.len() * self.page_bytes) as u64
+        (self.files.pages() * self.files.page_bytes) as u64
     }
 
     /// Bytes of one page.
     #[must_use]
     pub fn page_bytes(&self) -> u64 {
-        self.page_bytes as u64
+        self.files.page_bytes as u64
     }
 
     /// Bytes that pages may take.
@@ -104,25 +66,25 @@ impl PageStore {
     /// Counts what is in memory by `regions` regions from now on, given pairs of page and region. Once, before any page
     /// is read.
     pub fn watch(&self, pairs: Vec<(u32, u32)>, regions: usize) {
-        self.residents.watch(pairs, regions);
+        self.files.residents.watch(pairs, regions);
     }
 
     /// Bytes of the tables that count.
     #[must_use]
     pub fn watch_bytes(&self) -> u64 {
-        self.residents.bytes() as u64
+        self.files.residents.bytes() as u64
     }
 
     /// Pages of `region` that have been in memory and are not now; `None` where nobody counts.
     #[must_use]
     pub fn gone(&self, region: u32) -> Option<u32> {
-        self.residents.gone(region)
+        self.files.residents.gone(region)
     }
 
     /// Least bytes that `threads` threads can work with.
     #[must_use]
     pub fn least(&self, threads: usize) -> u64 {
-        least_budget(self.page_bytes, threads)
+        least_budget(self.files.page_bytes, threads)
     }
 
     /// Gives it `budget` bytes; once, before any page is asked for.
@@ -130,14 +92,17 @@ impl PageStore {
     /// # Errors
     /// [`Error::Usage`] when that is less than [`Self::least`].
     pub fn open(&self, budget: u64, threads: usize) -> Result<()> {
-        let sources = std::mem::take(&mut *self.sources.lock().unwrap_or_else(PoisonError::into_inner));
-        let options = CacheOptions { budget, threads, latency: Duration::ZERO, thread_tiles: THREAD_PAGES };
-        let cache = TileCache::new(sources, options)?;
-        assert!(self.cache.set(cache).is_ok(), "a page store is opened once");
+        let least = self.least(threads);
+        if budget < least {
+            return Err(Error::Usage(format!(
+                "{budget} bytes for pages of geometry are too few: {threads} threads need {least}, two pages each"
+            )));
+        }
+        assert!(self.cache.set(PageCache::new(&self.files, budget)).is_ok(), "a page store is opened once");
         Ok(())
     }
 
-    fn cache(&self) -> &TileCache {
+    fn cache(&self) -> &PageCache {
         self.cache.get().expect("a page store is opened before rays are traced")
     }
 
@@ -146,7 +111,7 @@ impl PageStore {
     #[must_use]
     pub fn stats(&self) -> (CacheStats, Vec<(u64, f64)>, Vec<String>) {
         let cache = self.cache();
-        (cache.stats(&self.names), cache.miss_ratio_curve(), cache.failures())
+        (cache.stats(&self.files), cache.miss_ratio_curve(), cache.failures())
     }
 
     /// Bytes that pages take now, for whoever watches.
@@ -158,16 +123,16 @@ impl PageStore {
     /// Whether no page ever has to go.
     #[must_use]
     pub fn fits_all(&self) -> bool {
-        self.cache().fits_all()
+        self.files.pages() as u64 * self.files.cost() <= self.budget()
     }
 
-    /// This thread holds pages until what is returned goes.
+    /// This thread counts its looks together until what is returned goes.
     #[must_use]
     pub fn hold(&self) -> HeldPages<'_> {
         let free = HELD.with_borrow_mut(|held| {
             let free = held.is_none();
             if free {
-                *held = Some((self.name(), Thread::new(self.cache())));
+                *held = Some((self.name(), Looks::new(self.files.count())));
             }
             free
         });
@@ -181,14 +146,13 @@ impl PageStore {
     /// Calls `look` with a page, which stays for as long.
     #[inline(always)]
     fn with<R>(&self, page: u32, look: impl FnOnce(&[u8]) -> R) -> R {
-        let file = self.files[page as usize];
-        let tile = page - self.firsts[file as usize];
+        let (cache, files) = (self.cache(), &self.files);
         HELD.with_borrow_mut(|held| match held {
-            Some((of, thread)) if *of == self.name() => look(thread.tile(self.cache(), file, tile)),
+            Some((of, thread)) if *of == self.name() => cache.with(files, page, thread, look),
             _ => {
-                let mut thread = Thread::new(self.cache());
-                let result = look(thread.tile(self.cache(), file, tile));
-                thread.finish(self.cache());
+                let mut thread = Looks::new(files.count());
+                let result = cache.with(files, page, &mut thread, look);
+                cache.finish(thread, files);
                 result
             }
         })
@@ -216,7 +180,7 @@ impl Drop for HeldPages<'_> {
         if let Some(store) = self.store
             && let Some((_, thread)) = HELD.with_borrow_mut(Option::take)
         {
-            thread.finish(store.cache());
+            store.cache().finish(thread, &store.files);
         }
     }
 }

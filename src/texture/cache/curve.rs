@@ -3,7 +3,7 @@
 
 use super::tile::cost;
 use super::{CachedFile, TileCache, lock};
-use crate::stats::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee};
+use crate::stats::{CacheRow, CacheStats};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
@@ -13,7 +13,7 @@ impl TileCache {
     pub fn stats(&self, names: &[PathBuf]) -> CacheStats {
         let counts = self.counts();
         let total = counts.total();
-        let by_file = names.iter().zip(&counts.files).filter(|(_, levels)| !levels.is_empty());
+        let (first, stay) = (total.misses_compulsory, self.alone_bytes());
         CacheStats {
             budget: self.budget,
             peak: self.peak(),
@@ -21,45 +21,18 @@ impl TileCache {
             buffer_bytes: self.scratch_bytes(),
             making_bytes: 0,
             total: CacheRow::from(&total),
-            knee: self.knee(&total),
+            knee: self.references.knee(first, |bytes| self.predicted(bytes, first, stay)),
             by_depth: counts.depths.iter().map(CacheRow::from).collect(),
-            by_file: by_file
-                .map(|(name, levels)| {
-                    let mut sum = CacheCounts::default();
-                    levels.iter().for_each(|l| sum.add(l));
-                    CacheFile {
-                        file: name.display().to_string(),
-                        total: CacheRow::from(&sum),
-                        by_level: levels.iter().map(CacheRow::from).collect(),
-                    }
-                })
-                .collect(),
+            by_file: counts.by_file(names),
         }
-    }
-
-    /// Where a larger cache stops paying.
-    fn knee(&self, total: &CacheCounts) -> Option<Knee> {
-        // Tiles of several sizes read in their proportion.
-        let (first, stay) = (total.misses_compulsory, self.alone_bytes());
-        let pressure = |bytes| self.predicted(bytes, first, stay) / first.max(1) as f64;
-        let sizes = lock(&self.distances).sizes();
-        let bytes = sizes.into_iter().find(|&bytes| pressure(bytes) <= 1.1)?;
-        Some(Knee { bytes, pressure: pressure(bytes), pressure_at_half: pressure(bytes / 2) })
     }
 
     /// Predicted misses over look-ups for caches of other sizes, in rising order of bytes.
     #[must_use]
     pub fn miss_ratio_curve(&self) -> Vec<(u64, f64)> {
         let total = lock(&self.totals).total();
-        let (lookups, first, stay) =
-            (total.lookups.max(1) as f64, total.misses_compulsory, self.alone_bytes());
-        let sizes = lock(&self.distances).sizes();
-        // Steps of 6 %: a curve to draw.
-        let steps = sizes.into_iter().rev().step_by(4);
-        let mut curve: Vec<_> =
-            steps.map(|bytes| (bytes, self.predicted(bytes, first, stay) / lookups)).collect();
-        curve.reverse();
-        curve
+        let (first, stay) = (total.misses_compulsory, self.alone_bytes());
+        self.references.curve(total.lookups, |bytes| self.predicted(bytes, first, stay))
     }
 
     /// Tiles that a cache of `bytes` would have read in the run that this one has seen.
@@ -74,7 +47,7 @@ impl TileCache {
     /// of levels that stay, which leave less to the others and are not among the sampled.
     fn predicted(&self, bytes: u64, first: u64, stay: u64) -> f64 {
         let kept = stay.min(self.kept_limit(bytes));
-        lock(&self.distances).misses(bytes - kept, self.requests.load(Ordering::Relaxed), first)
+        self.references.misses(bytes - kept, first)
     }
 
     /// Bytes of all tiles that have been read and are alone in their level.

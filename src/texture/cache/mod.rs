@@ -20,11 +20,11 @@ pub use tile::least_budget;
 
 use crate::error::{Error, Result};
 use crate::permits;
-use crate::stats::{Gauge, KeyBuildHasher, StackDistances, sample_hash, spread};
+use crate::stats::{Gauge, KeyBuildHasher, References, spread};
 use lru::LruCache;
-use shard::{Abandon, Padded, PendingState, Shard};
+use shard::{Abandon, Padded, Shard};
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tile::{Lines, Tile, allocate, cost, lines_for};
@@ -79,9 +79,7 @@ pub struct TileCache {
     fresh: u64,
     hand: AtomicUsize,
     /// Requests that reached the shared cache.
-    requests: AtomicU64,
-    threshold: AtomicU32,
-    distances: Mutex<StackDistances>,
+    references: References,
     totals: Mutex<FileCounts>,
     failures: Mutex<Vec<String>>,
     /// Largest read buffer of a thread.
@@ -160,9 +158,7 @@ impl TileCache {
             clock: AtomicU64::new(0),
             fresh: options.budget / largest / 16,
             hand: AtomicUsize::new(0),
-            requests: AtomicU64::new(0),
-            threshold: AtomicU32::new(u32::MAX),
-            distances: Mutex::new(StackDistances::new(StackDistances::MAX_KEYS)),
+            references: References::default(),
             failures: Mutex::new(Vec::new()),
             scratch: AtomicU64::new(0),
         })
@@ -251,7 +247,7 @@ impl TileCache {
                 None => return self.load(key, thread),
                 Some(pending) => {
                     let start = Instant::now();
-                    let tile = permits::lend(|| pending.wait());
+                    let tile = pending.wait();
                     let waited = nanoseconds(start);
                     if let Some(tile) = tile {
                         thread.book(key, tile.level, |c| {
@@ -312,7 +308,7 @@ impl TileCache {
         };
         std::mem::forget(abandon);
         if let Some(pending) = pending {
-            pending.finish(PendingState::Read(Arc::clone(&tile)));
+            pending.keep(Some(Arc::clone(&tile)));
         }
         thread.book(key, level, |c| {
             *(if first { &mut c.misses_compulsory } else { &mut c.misses_capacity }) += 1;
@@ -380,19 +376,9 @@ impl TileCache {
         lines
     }
 
-    fn record(&self, sampled: &mut Vec<(u64, u32)>, requests: u64) {
-        self.requests.fetch_add(requests, Ordering::Relaxed);
-        let mut distances = lock(&self.distances);
-        for (key, bytes) in sampled.drain(..) {
-            distances.record(key, bytes);
-        }
-        self.threshold.store(distances.threshold(), Ordering::Relaxed);
-    }
-
     #[inline(always)]
     fn is_sampled(&self, key: u64) -> bool {
-        sample_hash(key) <= self.threshold.load(Ordering::Relaxed)
-            && (key as u32) < self.files[(key >> 32) as usize].alone
+        self.references.follow(key) && (key as u32) < self.files[(key >> 32) as usize].alone
     }
 }
 

@@ -3,13 +3,14 @@
 //! Invariant: a tile that no thread holds is handed out only under the lock of its shard, so that
 //! who finds it unheld there may take it out.
 
+use super::TileCache;
 use super::tile::{Lines, Tile};
-use super::{TileCache, lock};
+use crate::permits::Promise;
 use crate::stats::KeyBuildHasher;
 use lru::LruCache;
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
 pub(super) struct Shard {
     pub(super) tiles: LruCache<u64, Arc<Tile>, KeyBuildHasher>,
@@ -23,20 +24,7 @@ pub(super) struct Shard {
 pub(super) struct Padded<T>(pub(super) T);
 
 /// A tile that is being read.
-#[derive(Default)]
-pub(super) struct Pending {
-    state: Mutex<PendingState>,
-    done: Condvar,
-}
-
-#[derive(Default)]
-pub(super) enum PendingState {
-    #[default]
-    Reading,
-    Read(Arc<Tile>),
-    /// The reader's thread has come to grief.
-    Abandoned,
-}
+pub(super) type Pending = Promise<Arc<Tile>>;
 
 impl Shard {
     /// When the oldest tile that nobody holds was used. Tiles that are held at the old end are in
@@ -61,26 +49,6 @@ impl Shard {
     }
 }
 
-impl Pending {
-    pub(super) fn finish(&self, state: PendingState) {
-        *lock(&self.state) = state;
-        self.done.notify_all();
-    }
-
-    /// The tile, when it is there; `None` when its reader gave up.
-    pub(super) fn wait(&self) -> Option<Arc<Tile>> {
-        let mut state = lock(&self.state);
-        loop {
-            match &*state {
-                PendingState::Reading => {}
-                PendingState::Read(tile) => return Some(Arc::clone(tile)),
-                PendingState::Abandoned => return None,
-            }
-            state = self.done.wait(state).unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-}
-
 /// Lets nobody wait for a thread that has panicked.
 pub(super) struct Abandon<'a> {
     pub(super) cache: &'a TileCache,
@@ -94,7 +62,7 @@ impl Drop for Abandon<'_> {
         self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
         let pending = self.cache.shard(self.key).loading.remove(&self.key);
         if let Some(pending) = pending {
-            pending.finish(PendingState::Abandoned);
+            pending.keep(None);
         }
     }
 }

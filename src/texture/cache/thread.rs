@@ -6,13 +6,10 @@
 use super::counters::{DEPTHS, FileCounts};
 use super::tile::Tile;
 use super::{TileCache, key, lock};
-use crate::stats::{CacheCounts, spread};
+use crate::stats::{CacheCounts, SAMPLES, spread};
 use crate::texture::tiled::TileScratch;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-
-/// Sampled references that are handed over together.
-const SAMPLES: usize = 64;
 
 /// A place for a tile.
 struct Place {
@@ -99,7 +96,7 @@ impl<const PLACES: usize> ThreadCache<PLACES> {
             let bytes = super::cost(cache.files[(key >> 32) as usize].lines);
             ledger.sampled.push((key, u32::try_from(bytes).unwrap_or(u32::MAX)));
             if ledger.sampled.len() == SAMPLES {
-                cache.record(&mut ledger.sampled, std::mem::take(&mut ledger.requests));
+                cache.references.record(&mut ledger.sampled, std::mem::take(&mut ledger.requests));
             }
         }
         let tile = cache.fetch(key, ledger);
@@ -141,7 +138,7 @@ impl<const PLACES: usize> ThreadCache<PLACES> {
             // Whatever was not booked on the way was found in the thread's own tiles.
             depth.micro_hits = depth.lookups - depth.hits - depth.misses();
         }
-        cache.record(&mut self.ledger.sampled, self.ledger.requests);
+        cache.references.record(&mut self.ledger.sampled, self.ledger.requests);
         lock(&cache.totals).merge(&self.ledger.counts);
         cache.scratch.fetch_max(self.ledger.scratch.bytes() as u64, Ordering::Relaxed);
     }

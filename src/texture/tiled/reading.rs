@@ -146,6 +146,12 @@ impl PooledFile {
             return Ok(read);
         }
         let (skip, len) = ((offset % BLOCK_BYTES as u64) as usize, out.len());
+        if skip == 0 && len.is_multiple_of(BLOCK_BYTES) && out.as_ptr().addr().is_multiple_of(BLOCK_BYTES) {
+            return match self.past(open, offset, out, len)? {
+                Some(read) => Ok(read),
+                None => self.dropped(open, offset, out),
+            };
+        }
         let covering = scratch.bytes_mut((skip + len).next_multiple_of(BLOCK_BYTES));
         if let Some(read) = self.past(open, offset - skip as u64, covering, skip + len)? {
             out.copy_from_slice(&covering[skip..skip + len]);
