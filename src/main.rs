@@ -3,7 +3,7 @@
 
 mod cli;
 
-use cli::{Command, compare, diff, generate, info, render, report, texture};
+use cli::{Command, compare, cost, diff, generate, info, render, report, texture};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -11,6 +11,7 @@ fn main() -> ExitCode {
     let result = cli::parse(std::env::args_os()).and_then(|command| match command {
         Command::Render(options) => render::run(&options),
         Command::Compare(options) => compare::run(&options),
+        Command::Cost(options) => cost::run(&options),
         Command::Diff(options) => diff::run(&options),
         Command::Info(options) => info::run(&options),
         Command::Report(options) => report::run(&options),

@@ -26,6 +26,16 @@ pub enum Estimator {
     Scattering,
 }
 
+/// Where random numbers come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Sampler {
+    /// Owen-scrambled Sobol points: the samples of a pixel know of each other.
+    #[default]
+    Sobol,
+    /// Samples that know nothing of each other; here so that the other can be held against it.
+    Independent,
+}
+
 /// Filter of an image texture between texels and levels. Scenes say which; here because a person
 /// may say it for all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
@@ -84,6 +94,8 @@ pub struct RenderSettings {
     pub outputs: Vec<PathBuf>,
     /// How direct light is estimated.
     pub estimator: Estimator,
+    /// Where random numbers come from.
+    pub sampler: Sampler,
     /// Bytes of textures in memory; `None` means half of what is free.
     pub texture_memory: Option<u64>,
     /// Bytes of geometry in memory, its acceleration structures included; `None` means that all of it stays.

@@ -3,6 +3,7 @@
 //! never a panic. Never renders, compares or parses scenes itself.
 
 pub(crate) mod compare;
+pub(crate) mod cost;
 pub(crate) mod diff;
 pub(crate) mod generate;
 pub(crate) mod info;
@@ -31,6 +32,7 @@ Examples:
   weir diff new.exr reference.exr        how far two images are apart
   weir report stats.json                 where time and memory went
   weir texture bark.png -o bark.tx       a tiled, mip-mapped texture
+  weir cost scene.pbrt --report c.html   what accuracy costs in time, knob by knob
   weir compare scene.pbrt                Embree against the native hierarchy, hit by hit
   weir info scene.pbrt                   what is in a scene, mesh or image
   weir generate terrain -o valley        a large scene, made from a seed
@@ -54,6 +56,8 @@ enum Subcommand {
     Render(render::Options),
     /// Hold Embree against the native hierarchy, hit by hit, and time both
     Compare(compare::Options),
+    /// Measure what accuracy costs in time, knob by knob
+    Cost(cost::Options),
     /// Compare two images: means, relMSE, FLIP, agreement
     Diff(diff::Options),
     /// Say what is in a scene, a mesh or an image
@@ -70,6 +74,7 @@ enum Subcommand {
 pub(crate) enum Command {
     Render(render::Options),
     Compare(compare::Options),
+    Cost(cost::Options),
     Diff(diff::Options),
     Info(info::Options),
     Report(report::Options),
@@ -99,6 +104,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
         Ok(Arguments { command }) => Ok(match command {
             Subcommand::Render(options) => Command::Render(options),
             Subcommand::Compare(options) => Command::Compare(options),
+            Subcommand::Cost(options) => Command::Cost(options),
             Subcommand::Diff(options) => Command::Diff(options),
             Subcommand::Info(options) => Command::Info(options),
             Subcommand::Report(options) => Command::Report(options),
@@ -114,8 +120,8 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
 
 /// `weir SCENE` is `weir render SCENE`, wherever the options stand.
 fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
-    const COMMANDS: [&str; 8] =
-        ["render", "compare", "diff", "info", "report", "texture", "generate", "help"];
+    const COMMANDS: [&str; 9] =
+        ["render", "compare", "cost", "diff", "info", "report", "texture", "generate", "help"];
     let Some(first) = arguments.get(1) else {
         return Err(Error::Usage(
             "no scene given; `weir scene.pbrt` renders one; see weir --help".to_owned(),

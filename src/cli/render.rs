@@ -13,7 +13,7 @@ use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
 use weir::report::{attributes, bytes, count, html_page, seconds};
 use weir::scene::{self, SceneDescription};
-use weir::settings::{Backend, Estimator, RenderSettings, Schedule, TextureFilter};
+use weir::settings::{Backend, Estimator, RenderSettings, Sampler, Schedule, TextureFilter};
 use weir::stats::{MemoryWatch, RenderStats};
 
 const EXAMPLES: &str = "\
@@ -54,6 +54,12 @@ pub(crate) struct Options {
     /// End unimportant paths early, at random
     #[arg(long, value_name = "on|off")]
     roulette: Option<Switch>,
+    /// Random numbers: scrambled Sobol points, or samples that know nothing of each other (to compare)
+    #[arg(long, value_name = "NAME", default_value = "sobol")]
+    sampler: SamplerName,
+    /// Direct light: by light and BSDF sampling together, or by one alone (to compare)
+    #[arg(long, value_name = "NAME", default_value = "both")]
+    estimator: EstimatorName,
     /// Seed of the random numbers
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -115,9 +121,31 @@ enum Switch {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum BackendName {
+pub(super) enum BackendName {
     Embree,
     Native,
+}
+
+impl BackendName {
+    pub(super) fn backend(self) -> Backend {
+        match self {
+            Self::Embree => Backend::Embree,
+            Self::Native => Backend::Native,
+        }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum SamplerName {
+    Sobol,
+    Independent,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum EstimatorName {
+    Both,
+    Lights,
+    Scattering,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -163,7 +191,15 @@ impl Options {
     /// As the library takes them.
     pub(super) fn settings(&self) -> RenderSettings {
         RenderSettings {
-            estimator: Estimator::Both,
+            estimator: match self.estimator {
+                EstimatorName::Both => Estimator::Both,
+                EstimatorName::Lights => Estimator::Lights,
+                EstimatorName::Scattering => Estimator::Scattering,
+            },
+            sampler: match self.sampler {
+                SamplerName::Sobol => Sampler::Sobol,
+                SamplerName::Independent => Sampler::Independent,
+            },
             spp: self.spp,
             size: self.size,
             crop: self.crop,
@@ -175,8 +211,7 @@ impl Options {
                 // Embree cannot let go of a part of a scene.
                 None if self.geometry_memory.is_some() => Backend::Native,
                 None => Backend::default(),
-                Some(BackendName::Embree) => Backend::Embree,
-                Some(BackendName::Native) => Backend::Native,
+                Some(name) => name.backend(),
             },
             robust: self.robust,
             time_limit_seconds: self.time,

@@ -124,6 +124,14 @@ fn whole(text: &str, range: RangeInclusive<u32>) -> Result<u32, String> {
         .ok_or_else(|| format!("a whole number from {} to {} is needed", range.start(), range.end()))
 }
 
+/// A share above zero, and below one.
+pub(super) fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x < 1.0 => Ok(x),
+        _ => Err("a number between 0 and 1 is needed, as in 0.01".to_owned()),
+    }
+}
+
 /// A limit that an error may have: zero or above.
 pub(super) fn limit(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {

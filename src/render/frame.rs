@@ -125,6 +125,7 @@ impl Frames<'_, '_> {
             filter: FilterSampler::new(&scene.filter),
             spp,
             seed: settings.seed.unwrap_or(scene.seed),
+            sampler: settings.sampler,
             next: AtomicU64::new(0),
             order: if reads_tiles && settings.time_limit_seconds.is_none() {
                 Order::Tiles

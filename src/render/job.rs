@@ -14,6 +14,7 @@ use crate::integrator::path::{Wave, World};
 use crate::integrator::sampler::pixel_key;
 use crate::permits::Permits;
 use crate::scene::Film;
+use crate::settings::Sampler;
 use crate::stats::{self, Counters};
 use crate::texture::TextureStore;
 use glam::Vec2;
@@ -52,6 +53,7 @@ pub(super) struct Job<'a, A: ?Sized> {
     pub(super) filter: FilterSampler,
     pub(super) spp: u32,
     pub(super) seed: u64,
+    pub(super) sampler: Sampler,
     /// The next piece of work, in `order`.
     pub(super) next: AtomicU64,
     pub(super) order: Order,
@@ -191,7 +193,16 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 let key = pixel_key(x, y, self.seed);
                 let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
                 let filter = |u: Vec2| self.filter.sample(u);
-                self.world.start(wave, weights, (centre, key), self.samples_of(pass), filter);
+                match self.sampler {
+                    Sampler::Sobol => {
+                        self.world.start(wave, weights, (centre, key), self.samples_of(pass), filter);
+                    }
+                    // The first point of a scramble of its own.
+                    Sampler::Independent => self.samples_of(pass).for_each(|sample| {
+                        let seed = self.seed.wrapping_add((u64::from(sample) + 1) << 32);
+                        self.world.start(wave, weights, (centre, pixel_key(x, y, seed)), 0..1, filter);
+                    }),
+                }
             }
         }
     }

@@ -3,6 +3,7 @@
 mod attributes;
 mod cache;
 mod chart;
+pub mod cost;
 mod escape;
 mod html;
 mod text;

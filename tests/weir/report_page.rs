@@ -4,12 +4,11 @@
 //! Invariant: every test runs in a directory of its own.
 //! Never: needs a browser; what needs one says that it was left out.
 
+use crate::page::{all, browser_that_tells, numbers_hold, opened};
 use serde_json::{Value, json};
-use std::fs::{self, File};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::fs;
+use std::path::Path;
+use std::process::Command;
 use tempfile::TempDir;
 
 /// A file name that is markup, if anybody lets it.
@@ -47,49 +46,6 @@ fn rendered() -> (TempDir, String, Value) {
 
 fn record(at: &Path, name: &str) -> Value {
     serde_json::from_slice(&fs::read(at.join(name)).expect("there")).expect("JSON")
-}
-
-fn unescaped(text: &str) -> String {
-    let names = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&#39;", "'"), ("&amp;", "&")];
-    names.iter().fold(text.to_owned(), |text, (name, c)| text.replace(name, c))
-}
-
-/// Text between `open` and `close`, every time.
-fn all<'a>(text: &'a str, open: &str, close: &str) -> Vec<&'a str> {
-    text.split(open).skip(1).map(|rest| rest.split(close).next().unwrap_or_default()).collect()
-}
-
-/// Every number of the page that names its place in the record is the one that stands there; how many they are.
-fn numbers_hold(page: &str, record: &Value) -> (usize, usize) {
-    let keyed: Vec<(&str, &str)> = all(page, "<data data-key=\"", "\" title")
-        .into_iter()
-        .map(|number| number.split_once("\" value=\"").expect("a key and a value"))
-        .collect();
-    for (pointer, value) in &keyed {
-        let there =
-            record.pointer(&unescaped(pointer)).unwrap_or_else(|| panic!("{pointer} is in no record"));
-        assert_eq!(unescaped(value), there.to_string(), "{pointer}");
-    }
-    let mut rows = 0;
-    for table in all(page, "<table><thead>", "</table>") {
-        let fields = all(table, "data-field=\"", "\"");
-        for row in all(table, "<tr data-row=\"", "</tr>") {
-            let (pointer, cells) = row.split_once("\">").expect("a pointer and cells");
-            let cells = all(cells, "<td>", "</td>");
-            assert_eq!(cells.len(), fields.len(), "{pointer}");
-            for (field, cell) in fields.iter().zip(cells) {
-                let there = match record.pointer(&format!("{}/{field}", unescaped(pointer))) {
-                    Some(Value::String(text)) => text.clone(),
-                    Some(Value::Null) => String::new(),
-                    Some(value) => value.to_string(),
-                    None => panic!("{pointer}/{field} is in no record"),
-                };
-                assert_eq!(unescaped(cell), there, "{pointer}/{field}");
-            }
-            rows += 1;
-        }
-    }
-    (keyed.len(), rows)
 }
 
 #[test]
@@ -180,66 +136,11 @@ fn a_report_takes_no_other_files_place() {
     assert_eq!(fs::read_dir(at).expect("readable").count(), 1);
 }
 
-/// A browser, by the names it goes by.
-fn browser() -> Option<PathBuf> {
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let folders: Vec<PathBuf> = std::env::split_paths(&path).collect();
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    names.iter().flat_map(|name| folders.iter().map(move |f| f.join(name))).find(|program| program.is_file())
-}
-
-/// The document as the browser has it, and what pages said on its console; `None` where it did not come up.
-fn opened(browser: &Path, at: &Path, page: &str) -> Option<(String, Vec<String>)> {
-    let profile = tempfile::tempdir().expect("a temporary directory");
-    // Files, not pipes: nobody reads while it is waited for.
-    let (dom, log) = (at.join("dom.txt"), at.join("log.txt"));
-    let mut child = Command::new(browser)
-        .args(
-            "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking".split(' '),
-        )
-        .args(["--enable-logging=stderr", "--dump-dom"])
-        .arg(format!("--user-data-dir={}", profile.path().display()))
-        .arg(format!("file://{}", at.join(page).display()))
-        .stdin(Stdio::null())
-        .stdout(File::create(&dom).expect("writable"))
-        .stderr(File::create(&log).expect("writable"))
-        .spawn()
-        .ok()?;
-    let start = Instant::now();
-    let ended = loop {
-        match child.try_wait().expect("our child") {
-            Some(status) => break status.success(),
-            None if start.elapsed() > Duration::from_secs(60) => {
-                let _ = child.kill();
-                let _ = child.wait();
-                break false;
-            }
-            None => sleep(Duration::from_millis(50)),
-        }
-    };
-    let read = |path: &Path| String::from_utf8_lossy(&fs::read(path).expect("there")).into_owned();
-    let said = read(&log).lines().filter(|line| line.contains("CONSOLE")).map(str::to_owned).collect();
-    ended.then(|| (read(&dom), said))
-}
-
 #[test]
 fn a_browser_finds_nothing_wrong() {
-    let Some(browser) = browser() else {
-        eprintln!("left out: no chromium, chromium-browser or google-chrome in PATH to open the page with");
-        return;
-    };
     let (directory, _, mut stats) = rendered();
     let at = directory.path();
-    // That it tells of what is wrong is what makes its silence worth something.
-    fs::write(at.join("wrong.html"), "<p id=wrong>x<script>throw new Error('expected')</script>")
-        .expect("writable");
-    match opened(&browser, at, "wrong.html") {
-        Some((dom, said)) if dom.contains("id=\"wrong\"") => assert!(!said.is_empty(), "it hides errors"),
-        _ => {
-            eprintln!("left out: {} does not come up here", browser.display());
-            return;
-        }
-    }
+    let Some(browser) = browser_that_tells(at) else { return };
     stats["scheduler"]["name"] = json!("voxel");
     stats["scheduler"]["grid"] = json!([4, 3, 2]);
     stats["scheduler"]["by_voxel"] = json!([{"at": [1, 2, 0], "visits": 3, "rays": 40, "bytes": 500}]);

@@ -8,8 +8,8 @@ mod caches;
 mod curves;
 mod memory;
 mod overview;
-mod parts;
-mod picture;
+pub(super) mod parts;
+pub(super) mod picture;
 mod scheduler;
 mod time;
 
@@ -56,6 +56,11 @@ pub fn html_page(stats: &RenderStats, image: Option<&Image>) -> String {
     }
     body += &scheduler::section(&stats.scheduler);
     body += &overview::reproduce(stats);
+    document(&name, &body)
+}
+
+/// A page of this name around `body`, which is markup.
+pub(super) fn document(name: &str, body: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta http-equiv=\"Content-Security-Policy\" \
@@ -63,7 +68,7 @@ pub fn html_page(stats: &RenderStats, image: Option<&Image>) -> String {
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<title>{} – Weir</title>\n\
          <link rel=\"icon\" href=\"data:,\">\n<style>\n{}</style>\n</head>\n<body>\n<main>\n{body}</main>\n</body>\n</html>\n",
-        escape(&name),
+        escape(name),
         include_str!("style.css")
     )
 }

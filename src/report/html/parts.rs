@@ -11,19 +11,19 @@ use std::fmt::Write;
 const ROWS: usize = 4096;
 
 /// `value` as the JSON has it.
-pub(super) fn exact(value: &impl Serialize) -> String {
+pub(in crate::report) fn exact(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("plain data")
 }
 
 /// A number that stands in the JSON under `pointer`, in words for people.
-pub(super) fn number(pointer: &str, value: &impl Serialize, shown: &str) -> String {
+pub(in crate::report) fn number(pointer: &str, value: &impl Serialize, shown: &str) -> String {
     let value = escape(&exact(value));
     let (pointer, shown) = (escape(pointer), escape(shown));
     format!("<data data-key=\"{pointer}\" value=\"{value}\" title=\"{value}\">{shown}</data>")
 }
 
 /// A chart with its title and what is to be said of it; `inside` is markup.
-pub(super) fn figure(id: &str, title: &str, said: &str, inside: &str) -> String {
+pub(in crate::report) fn figure(id: &str, title: &str, said: &str, inside: &str) -> String {
     let said = if said.is_empty() { String::new() } else { format!("<small>{}</small>", escape(said)) };
     format!(
         "<figure class=\"chart\" id=\"{id}\"><figcaption>{}{said}</figcaption>{inside}</figure>\n",
@@ -32,17 +32,17 @@ pub(super) fn figure(id: &str, title: &str, said: &str, inside: &str) -> String 
 }
 
 /// The sentence in a chart's place.
-pub(super) fn absent(id: &str, why: &str) -> String {
+pub(in crate::report) fn absent(id: &str, why: &str) -> String {
     format!("<p class=\"absent\" id=\"{id}\">{}</p>\n", escape(why))
 }
 
 /// Around an SVG, which may be wider than the screen.
-pub(super) fn drawing(svg: &str) -> String {
+pub(in crate::report) fn drawing(svg: &str) -> String {
     format!("<div class=\"drawing\">{svg}</div>")
 }
 
 /// What the colours of stacked parts mean.
-pub(super) fn key(of: &[(&str, &str)]) -> String {
+pub(in crate::report) fn key(of: &[(&str, &str)]) -> String {
     let items: String = of
         .iter()
         .map(|(colour, text)| {
@@ -54,10 +54,15 @@ pub(super) fn key(of: &[(&str, &str)]) -> String {
 }
 
 /// Columns: the name in the JSON and what people call it.
-pub(super) type Columns<'a> = &'a [(&'a str, &'a str)];
+pub(in crate::report) type Columns<'a> = &'a [(&'a str, &'a str)];
 
 /// A table of `list`, which stands in the JSON under `pointer`: each number as it stands there.
-pub(super) fn numbers<T: Serialize>(title: &str, pointer: &str, list: &[T], columns: Columns<'_>) -> String {
+pub(in crate::report) fn numbers<T: Serialize>(
+    title: &str,
+    pointer: &str,
+    list: &[T],
+    columns: Columns<'_>,
+) -> String {
     let every = list.len().div_ceil(ROWS).max(1);
     let rows = list.iter().enumerate().step_by(every).map(|(i, row)| (Some(format!("{pointer}/{i}")), row));
     let left_out = if every > 1 { format!(", one row in {every}") } else { String::new() };
@@ -65,7 +70,7 @@ pub(super) fn numbers<T: Serialize>(title: &str, pointer: &str, list: &[T], colu
 }
 
 /// A table of rows; each with its pointer where it has one.
-pub(super) fn table<T: Serialize>(
+pub(in crate::report) fn table<T: Serialize>(
     title: &str,
     rows: impl Iterator<Item = (Option<String>, T)>,
     columns: Columns<'_>,

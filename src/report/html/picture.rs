@@ -8,7 +8,7 @@ use std::borrow::Cow;
 pub(super) const WIDEST: u32 = 1280;
 
 /// `image` as a PNG in a URI, and its size there.
-pub(super) fn data_uri(image: &Image) -> (String, (u32, u32)) {
+pub(in crate::report) fn data_uri(image: &Image) -> (String, (u32, u32)) {
     let image = if image.width > WIDEST { Cow::Owned(narrower(image)) } else { Cow::Borrowed(image) };
     let mut png = Vec::new();
     encode_png(&mut png, &image).expect("memory takes every write");

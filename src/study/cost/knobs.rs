@@ -1,0 +1,97 @@
+//! What can be turned: settings that trade accuracy for time, one at a time.
+//!
+//! Invariant: a variant differs from the scene's own settings in one thing.
+
+use crate::report::cost::LeftOut;
+use crate::scene::{SceneDescription, Texture};
+use crate::settings::{Backend, Estimator, RenderSettings, Sampler, TextureFilter};
+
+/// One setting of one knob.
+#[derive(Clone)]
+pub(super) struct Variant {
+    pub(super) knob: &'static str,
+    pub(super) value: String,
+    /// The options that do so.
+    pub(super) options: String,
+    pub(super) settings: RenderSettings,
+    /// The scene has to be loaded again.
+    pub(super) reloads: bool,
+}
+
+/// Knobs whose value changes what a long render converges to.
+pub(super) fn changes_the_limit(knob: &str) -> bool {
+    matches!(knob, "depth" | "filter")
+}
+
+/// All variants of `own`, which are the scene's settings.
+pub(super) fn variants(scene: &SceneDescription, own: &RenderSettings) -> Vec<Variant> {
+    let mut all = Vec::new();
+    let mut add = |knob, value: String, options: String, reloads, change: &dyn Fn(&mut RenderSettings)| {
+        let mut settings = own.clone();
+        change(&mut settings);
+        all.push(Variant { knob, value, options, settings, reloads });
+    };
+    let depth = own.max_depth.unwrap_or(scene.integrator.max_depth);
+    let mut depths: Vec<u32> =
+        [depth / 4, depth / 2, depth * 3 / 4, depth.saturating_mul(2), depth.saturating_mul(4)].to_vec();
+    depths.retain(|&d| d > 0 && d != depth);
+    depths.dedup();
+    for d in depths {
+        add("depth", d.to_string(), format!("--max-depth {d}"), false, &|s| s.max_depth = Some(d));
+    }
+    let roulette = own.roulette.unwrap_or(true);
+    let other = if roulette { "off" } else { "on" };
+    add("roulette", other.into(), format!("--roulette {other}"), false, &|s| s.roulette = Some(!roulette));
+    for (sampler, name) in [(Sampler::Sobol, "sobol"), (Sampler::Independent, "independent")] {
+        if sampler != own.sampler {
+            add("sampler", name.into(), format!("--sampler {name}"), false, &|s| s.sampler = sampler);
+        }
+    }
+    for (estimator, name, value) in [
+        (Estimator::Both, "both", "both"),
+        (Estimator::Lights, "lights", "lights only"),
+        (Estimator::Scattering, "scattering", "BSDF only"),
+    ] {
+        if estimator != own.estimator {
+            let options = format!("--estimator {name}");
+            add("direct light", value.into(), options, false, &|s| s.estimator = estimator);
+        }
+    }
+    if scene.textures.iter().any(|t| matches!(t, Texture::Image { .. })) {
+        for (filter, name) in [
+            (TextureFilter::Point, "point"),
+            (TextureFilter::Bilinear, "bilinear"),
+            (TextureFilter::Trilinear, "trilinear"),
+            (TextureFilter::Ewa, "ewa"),
+            (TextureFilter::Stochastic, "stochastic"),
+        ] {
+            if own.texture_filter != Some(filter) {
+                let options = format!("--texture-filter {name}");
+                add("filter", name.into(), options, true, &|s| s.texture_filter = Some(filter));
+            }
+        }
+    }
+    if cfg!(feature = "embree") && own.backend == Backend::Embree {
+        let robust = !own.robust;
+        let value = if robust { "Embree robust" } else { "Embree fast" };
+        let options = if robust { "--robust" } else { "" };
+        add("traversal", value.into(), options.into(), true, &|s| s.robust = robust);
+        add("traversal", "native".into(), "--backend native".into(), true, &|s| s.backend = Backend::Native);
+    }
+    all
+}
+
+/// Knobs that other renderers have.
+pub(super) fn missing() -> Vec<LeftOut> {
+    [
+        ("light selection", "Weir has one for few lights and one for many, and takes the right one"),
+        ("mip bias", "Weir has none"),
+        ("tessellation rate", "Weir tessellates nothing while rendering"),
+        ("precision", "Weir intersects in f32 with f64 where signs decide, and has nothing else"),
+        ("texel depth", "Weir keeps texels as their files have them"),
+        ("denoising", "Weir has none"),
+        ("noise threshold", "Weir has none"),
+    ]
+    .map(|(knob, because)| LeftOut { knob: knob.to_owned(), because: because.to_owned() })
+    .to_vec()
+}

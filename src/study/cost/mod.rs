@@ -1,0 +1,383 @@
+//! What accuracy costs in time: the error and the seconds of every setting that trades one for the other, against a
+//! reference, and what follows for the next render.
+//!
+//! A setting is rendered several times with few samples and different seeds, which gives its error a mean and a spread
+//! and tells noise, which more samples take away, from bias, which they do not (`sums`). Sample counts that were not
+//! rendered are predicted by the power with which noise falls, as measured on the scene's own settings.
+//!
+//! Invariant: never renders longer than about the time it is given, but for loading the scene and one short render.
+
+mod advice;
+mod knobs;
+mod plan;
+mod sums;
+
+use crate::color::luminance;
+use crate::error::{Error, Result};
+use crate::film::Image;
+use crate::film::read::read_image;
+use crate::render::stage::effective_film;
+use crate::render::{Control, Frames, Progress, with_frames};
+use crate::report::cost::{Check, CostStudy, LeftOut, Picture, Point, Reference, Spread};
+use crate::scene::SceneDescription;
+use crate::settings::{RenderSettings, Sampler};
+use crate::study::diff::REL_MSE_EPSILON;
+use glam::Vec3;
+use knobs::{Variant, missing, variants};
+use plan::Plan;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+use sums::{Sums, Truth};
+
+/// What to study, and for how long.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// The settings that are the scene's own here.
+    pub settings: RenderSettings,
+    /// Seconds to spend, about; loading the scene is part of it.
+    pub budget_s: f64,
+    /// The error that is wanted: root mean square, relative.
+    pub target: f64,
+    /// An image to hold errors against, in place of one that is rendered.
+    pub reference: Option<PathBuf>,
+}
+
+/// What was found, and images for a page.
+pub struct Found {
+    /// The record.
+    pub study: CostStudy,
+    /// The reference.
+    pub reference: Image,
+    /// Renders that took equally long.
+    pub pictures: Vec<Picture>,
+}
+
+/// Studies `scene`.
+///
+/// # Errors
+/// As rendering; a reference that cannot be read or has another size; [`Error::Interrupted`].
+pub fn study(scene: &SceneDescription, options: &Options, control: &Control<'_>) -> Result<Found> {
+    let start = Instant::now();
+    let film = effective_film(scene, &options.settings)?;
+    let given = options.reference.as_deref().map(read_image).transpose()?;
+    if let (Some(image), Some(path)) = (&given, &options.reference)
+        && (image.width, image.height) != film.size
+    {
+        return Err(Error::file(
+            path,
+            format!(
+                "{}x{} pixels, and the film has {}x{}; give --size {}x{} or a reference of the film's size",
+                image.width, image.height, film.size.0, film.size.1, image.width, image.height
+            ),
+        ));
+    }
+    // A window would be another size at another scale; errors are those of the whole frame.
+    let size = film.size;
+    let own = RenderSettings {
+        crop: Some([0, 0, size.0, size.1]),
+        time_limit_seconds: None,
+        ..options.settings.clone()
+    };
+    let study = CostStudy {
+        weir: env!("CARGO_PKG_VERSION").into(),
+        scene: scene.path.display().to_string(),
+        full_size: size.into(),
+        budget_s: options.budget_s,
+        epsilon: REL_MSE_EPSILON,
+        target: options.target,
+        left_out: missing(),
+        ..CostStudy::default()
+    };
+    let mut bench = Bench {
+        scene,
+        control,
+        start,
+        study,
+        pictures: Vec::new(),
+        seed: own.seed.unwrap_or(scene.seed),
+        light: Vec::new(),
+    };
+    let all = variants(scene, &own);
+    let (truth, plan, like) = with_frames(scene, &own, control, |frames| {
+        bench.study.load_s = start.elapsed().as_secs_f64();
+        bench.begin(frames, &own, given, &all)
+    })?;
+    bench.turn_what_reloads(&all, &truth, &plan)?;
+    bench.conclude(&all, &own, &truth, &plan)?;
+    let mut study = bench.study;
+    study.spent_s = start.elapsed().as_secs_f64();
+    Ok(Found { study, reference: truth.image(&like), pictures: bench.pictures })
+}
+
+/// The study on its way.
+struct Bench<'a, 'c> {
+    scene: &'a SceneDescription,
+    control: &'a Control<'c>,
+    start: Instant,
+    study: CostStudy,
+    pictures: Vec<Picture>,
+    /// The scene's.
+    seed: u64,
+    /// Mean luminance of the renders of the scene's own settings that others are compared with.
+    light: Vec<f64>,
+}
+
+/// Sample and seed of renders that only warm up, and seeds of others than the measured, which have 1, 2 and so on.
+const WARM: (u32, u64) = (1, 0);
+const REFERENCE: u64 = 1 << 32;
+const CHECK: u64 = 1 << 33;
+
+/// The scene's own settings, as a knob.
+const SAMPLES: &str = "samples";
+
+impl Bench<'_, '_> {
+    fn phase(&self, name: &'static str) -> Result<()> {
+        (self.control.progress)(Progress::Phase(name));
+        if self.control.cancel.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
+    /// Renders at `spp` samples with the seed of this number; the image and its seconds. Settings that are compared have
+    /// the same seeds: much of their noise is the same then, and what chance adds.
+    fn render(
+        &mut self,
+        frames: &mut Frames<'_, '_>,
+        settings: &RenderSettings,
+        (spp, number): (u32, u64),
+        size: (u32, u32),
+    ) -> Result<(Image, f64)> {
+        let seed = self.seed.wrapping_add(number.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let settings = RenderSettings {
+            spp: Some(spp),
+            seed: Some(seed),
+            size: Some(size),
+            crop: Some([0, 0, size.0, size.1]),
+            ..settings.clone()
+        };
+        let outcome = frames.render(&settings)?;
+        if outcome.interrupted {
+            return Err(Error::Interrupted);
+        }
+        self.study.threads = outcome.stats.threads;
+        Ok((outcome.image, outcome.stats.time.render_s))
+    }
+
+    /// What needs one loading of the scene: how long a sample takes, the reference, the scene's own settings, and knobs
+    /// that turn without another loading.
+    fn begin(
+        &mut self,
+        frames: &mut Frames<'_, '_>,
+        own: &RenderSettings,
+        given: Option<Image>,
+        all: &[Variant],
+    ) -> Result<(Truth, Plan, Image)> {
+        self.phase("timing a sample")?;
+        let full = (self.study.full_size[0], self.study.full_size[1]);
+        let tried = if given.is_some() { full } else { Plan::largest(full) };
+        // Twice: the first also reads textures and pages.
+        self.render(frames, own, WARM, tried)?;
+        let (_, seconds) = self.render(frames, own, WARM, tried)?;
+        let seconds =
+            seconds * (f64::from(full.0) * f64::from(full.1)) / (f64::from(tried.0) * f64::from(tried.1));
+        let left = (self.study.budget_s - self.start.elapsed().as_secs_f64()).max(1.0);
+        let plan = Plan::new(full, seconds, left, self.study.load_s, all, given.is_some());
+        self.study.size = plan.size.into();
+
+        let reference_start = Instant::now();
+        let (truth, like) = match given {
+            Some(image) => {
+                self.study.reference.file = None;
+                (Truth::given(&image), image)
+            }
+            None => {
+                self.phase("rendering the reference")?;
+                let depth = own.max_depth.unwrap_or(self.scene.integrator.max_depth);
+                let max_depth = depth.saturating_mul(4).max(32);
+                let settings =
+                    RenderSettings { max_depth: Some(max_depth), sampler: Sampler::Sobol, ..own.clone() };
+                let mut sums = Sums::new(plan.size.0, plan.size.1);
+                let mut like = Image::new(0, 0);
+                for part in 0..u64::from(Plan::REFERENCE_PARTS) {
+                    like =
+                        self.render(frames, &settings, (plan.reference_spp, REFERENCE + part), plan.size)?.0;
+                    sums.add(&like);
+                }
+                let truth = sums.into_truth();
+                self.study.reference = Reference {
+                    file: None,
+                    spp: u64::from(plan.reference_spp) * u64::from(Plan::REFERENCE_PARTS),
+                    max_depth,
+                    seconds: reference_start.elapsed().as_secs_f64(),
+                    error: Some(truth.relmse.sqrt()),
+                };
+                (truth, like)
+            }
+        };
+
+        self.phase("measuring samples")?;
+        let knob = Variant {
+            knob: SAMPLES,
+            value: String::new(),
+            options: String::new(),
+            settings: own.clone(),
+            reloads: false,
+        };
+        for &(spp, renders) in &plan.ladder {
+            let variant = Variant { value: spp.to_string(), options: format!("--spp {spp}"), ..knob.clone() };
+            self.measure(frames, &variant, (spp, renders), &truth, &plan)?;
+        }
+        self.study.slope = advice::slope(&self.study.points);
+        self.phase("turning knobs")?;
+        for variant in all.iter().filter(|v| !v.reloads) {
+            self.measure(frames, variant, (plan.spp, plan.renders), &truth, &plan)?;
+        }
+        Ok((truth, plan, like))
+    }
+
+    /// Knobs that want the scene loaded again.
+    fn turn_what_reloads(&mut self, all: &[Variant], truth: &Truth, plan: &Plan) -> Result<()> {
+        let reloading: Vec<&Variant> = all.iter().filter(|v| v.reloads).collect();
+        if !plan.reloads && !reloading.is_empty() {
+            let because = format!(
+                "loading the scene again takes {:.1} s each; a larger --budget would do",
+                self.study.load_s
+            );
+            let mut names: Vec<&str> = reloading.iter().map(|v| v.knob).collect();
+            names.dedup();
+            let left_out = |knob: &str| LeftOut { knob: knob.to_owned(), because: because.clone() };
+            self.study.left_out.splice(0..0, names.into_iter().map(left_out));
+            return Ok(());
+        }
+        for variant in reloading {
+            self.phase("turning knobs")?;
+            with_frames(self.scene, &variant.settings, self.control, |frames| {
+                // What is read for the first time is not to be timed.
+                self.render(frames, &variant.settings, WARM, plan.size)?;
+                self.measure(frames, variant, (plan.spp, plan.renders), truth, plan)
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Renders `variant` some times, and writes down a point. Also a render that takes as long as the scene's own
+    /// settings at the plan's sample count.
+    fn measure(
+        &mut self,
+        frames: &mut Frames<'_, '_>,
+        variant: &Variant,
+        (spp, renders): (u32, u32),
+        truth: &Truth,
+        plan: &Plan,
+    ) -> Result<()> {
+        let mut sums = Sums::new(plan.size.0, plan.size.1);
+        let (mut seconds, mut relmse, mut light) = (Vec::new(), Vec::new(), Vec::new());
+        let mut first = None;
+        for number in 1..=u64::from(renders) {
+            let (image, time) = self.render(frames, &variant.settings, (spp, number), plan.size)?;
+            sums.add(&image);
+            relmse.push(truth.relmse_of(&image));
+            light.push(mean_luminance(&image));
+            seconds.push(time);
+            first.get_or_insert((image, time));
+        }
+        let found = sums.bias(truth);
+        if variant.knob == SAMPLES && spp == plan.spp {
+            self.light.clone_from(&light);
+        }
+        let more: Vec<f64> = light
+            .iter()
+            .zip(&self.light)
+            .filter(|(_, own)| **own > 0.0)
+            .map(|(l, own)| l / own - 1.0)
+            .collect();
+        let square = spread(&relmse).mean.max(0.0);
+        // Four standard deviations of an estimate that is not quite normal.
+        let biased = found.square > 4.0 * found.deviation;
+        let bias = if biased { found.square.min(square) } else { 0.0 };
+        self.study.points.push(Point {
+            knob: variant.knob.to_owned(),
+            value: variant.value.clone(),
+            options: variant.options.clone(),
+            spp,
+            renders,
+            seconds: spread(&seconds),
+            relmse,
+            error: square.sqrt(),
+            noise: (square - bias).sqrt(),
+            bias: bias.sqrt(),
+            light: (variant.knob != SAMPLES && spp == plan.spp && !more.is_empty()).then(|| spread(&more)),
+            bias_bound: (found.square.max(0.0) + 3.0 * found.deviation).sqrt(),
+            ..Point::default()
+        });
+        let point = self.study.points.len() - 1;
+        let Some(own) = self.own(plan) else { return Ok(()) };
+        if spp != plan.spp {
+            return Ok(());
+        }
+        let equal = plan.spp_in(own, &self.study.points[point]);
+        let (image, seconds) = match first {
+            Some(first) if equal == spp => first,
+            _ => self.render(frames, &variant.settings, (equal, 1), plan.size)?,
+        };
+        self.pictures.push(Picture { point, spp: equal, seconds, image });
+        Ok(())
+    }
+
+    /// Mean seconds of the scene's own settings at the plan's sample count, once they are measured.
+    fn own(&self, plan: &Plan) -> Option<f64> {
+        let own = self.study.points.iter().find(|p| p.knob == SAMPLES && p.spp == plan.spp);
+        own.map(|point| point.seconds.mean)
+    }
+
+    /// What helps, all at once; what follows; and whether it is true.
+    fn conclude(&mut self, all: &[Variant], own: &RenderSettings, truth: &Truth, plan: &Plan) -> Result<()> {
+        advice::predict(&mut self.study, plan);
+        let mut joint = advice::joint(&self.study, all, own);
+        if let Some(joint) = joint.as_ref().filter(|j| plan.reloads || !j.reloads) {
+            self.phase("turning them together")?;
+            with_frames(self.scene, &joint.settings, self.control, |frames| {
+                self.render(frames, &joint.settings, WARM, plan.size)?;
+                // Two counts, for a slope of their own.
+                let few = (plan.spp / 4).max(1);
+                self.measure(frames, joint, (few, plan.renders), truth, plan)?;
+                self.measure(frames, joint, (plan.spp, plan.renders), truth, plan)
+            })?;
+            advice::predict(&mut self.study, plan);
+        } else {
+            joint = None;
+        }
+        let (point, settings) = advice::advised(&self.study, joint.as_ref(), own);
+        let left = self.study.budget_s - self.start.elapsed().as_secs_f64();
+        if let Some((spp, error, seconds)) = advice::checkable(&self.study, point, plan, left) {
+            self.phase("checking the advice")?;
+            let (image, measured_s) = with_frames(self.scene, &settings, self.control, |frames| {
+                self.render(frames, &settings, WARM, plan.size)?;
+                self.render(frames, &settings, (spp, CHECK), plan.size)
+            })?;
+            self.study.checks.push(Check {
+                options: self.study.points[point].options.clone(),
+                spp,
+                predicted: error,
+                measured: truth.relmse_of(&image).max(0.0).sqrt(),
+                predicted_s: seconds,
+                measured_s,
+            });
+        }
+        self.study.advice = advice::sentences(&self.study, point, plan);
+        Ok(())
+    }
+}
+
+/// Of the pixels that are numbers.
+fn mean_luminance(image: &Image) -> f64 {
+    let finite = image.pixels.iter().filter(|p| p.iter().all(|c| c.is_finite()));
+    let sum: f64 = finite.map(|p| f64::from(luminance(Vec3::from(*p)))).sum();
+    sum / image.pixels.len().max(1) as f64
+}
+
+fn spread(values: &[f64]) -> Spread {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n.max(1.0);
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    Spread { mean, deviation: if n > 1.0 { (squares / (n - 1.0)).sqrt() } else { 0.0 } }
+}
