@@ -27,6 +27,7 @@ mod closed;
 mod compare;
 mod embree_abi;
 mod generate;
+mod hard;
 mod order;
 mod pages;
 mod report_page;
