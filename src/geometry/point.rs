@@ -244,7 +244,7 @@ fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
     let (e1, e2) = (p1 - p0, p2 - p0);
     let cross = e1.cross(e2);
     let l2 = cross.length_squared();
-    let mut ng = if l2 >= f32::MIN_POSITIVE && l2 < f32::INFINITY {
+    let mut ng = if (f32::MIN_POSITIVE..f32::INFINITY).contains(&l2) {
         cross / l2.sqrt()
     } else {
         extreme_normal(e1, e2)

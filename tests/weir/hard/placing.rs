@@ -116,7 +116,7 @@ fn aimed(soup: &Soup, i: usize, random: &mut Random) -> Ray {
     let corners = corners.map(|v| Vec3::from(soup.positions[v as usize]).as_dvec3());
     let to = point_of(corners, random, i % 3);
     let mut d = random.point() * (corners[1] - corners[0]).length().max(1.0);
-    if i % 5 == 0 {
+    if i.is_multiple_of(5) {
         d[i % 3] = 0.0;
     }
     let origin = (to - d).as_vec3();
