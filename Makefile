@@ -37,7 +37,7 @@ test: prepare ## formatting, lints, documentation, a build without Embree, and e
 references: prepare ## the pbrt scenes of ../shared against pbrt-v4's renders, 256 samples a pixel (minutes)
 	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture references
 
-hard: prepare ## a hundred million rays from inside closed meshes: misses, native and Embree (minutes)
+hard: prepare ## a hundred million rays from inside closed meshes, and all hard cases, native and Embree (minutes)
 	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture hard_
 
 build: prepare ## build target/release/weir, for any processor of this architecture

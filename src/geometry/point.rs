@@ -7,7 +7,7 @@ use super::quadric::{Quadric, QuadricPoint};
 use super::{Mesh, Patches, SurfaceShape, vec3};
 use crate::accel::{Hit, NONE, Ray};
 use crate::math::{Frame, gamma};
-use glam::{Mat3, Vec2, Vec3, Vec3A};
+use glam::{DVec3, Mat4, Vec2, Vec3, Vec3A};
 
 /// Attributes that a material asks for; bits, so that a surface's needs are one byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -85,6 +85,9 @@ const INTERPOLATION: f32 = gamma(8);
 /// Rounding of the traversal's plane equation, per unit of edge length: two differences, a cross
 /// and a dot product.
 const PLANE: f32 = gamma(10);
+/// Rounding of a point on its way through an instance, per unit of what is added up: an element of the inverse, three
+/// products, their sum with the translation; the point in the world, and adding the offset.
+const PLACING: f32 = gamma(7);
 
 impl Surfaces<'_> {
     /// The point that `hit` names on `surface`, which is what [`Self::surface_of`] says of it. `ray`
@@ -157,10 +160,11 @@ impl Surfaces<'_> {
                 let at = self.on_quadric(q, hit, ray);
                 let p = at.p.as_vec3();
                 let ng = at.n.as_vec3() * sign;
+                let direction = self.own_direction(hit, ray).as_vec3();
                 SurfacePoint {
                     p: p.into(),
                     // p is rounded once from f64; traversal meets the quadric in f64 and rounds t.
-                    error: gamma(4) * max_abs(p) + gamma(2) * hit.t.abs() * max_abs(ray.direction),
+                    error: gamma(4) * max_abs(p) + gamma(2) * hit.t.abs() * max_abs(direction),
                     ng: ng.into(),
                     ns: ng.into(),
                     uv: at.uv.as_vec2(),
@@ -181,30 +185,43 @@ impl Surfaces<'_> {
         }
     }
 
+    /// The direction of `ray` in the space of the hit's instance, in which a distance along it is that of the hit.
+    fn own_direction(&self, hit: &Hit, ray: &Ray) -> DVec3 {
+        let d = ray.direction.as_dvec3();
+        match self.geometry.instances.get(hit.instance as usize) {
+            Some(instance) => instance.to_world.inv.transform_vector3(d),
+            None => d,
+        }
+    }
+
     /// Where `ray` met the quadric `q`, in the space of the hit's instance.
     pub(super) fn on_quadric(&self, q: &Quadric, hit: &Hit, ray: &Ray) -> QuadricPoint {
-        let (mut o, mut d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let mut o = ray.origin.as_dvec3();
         if hit.instance != NONE {
-            let inverse = &self.geometry.instances[hit.instance as usize].to_world.inv;
-            o = inverse.transform_point3(o);
-            d = inverse.transform_vector3(d);
+            o = self.geometry.instances[hit.instance as usize].to_world.inv.transform_point3(o);
         }
-        q.at(o + d * f64::from(hit.t))
+        q.at(o + self.own_direction(hit, ray) * f64::from(hit.t))
     }
 
     /// From an instance's space to the world.
     #[inline(never)]
     fn place(&self, mut point: SurfacePoint, instance: u32) -> SurfacePoint {
         let t = &self.geometry.instances[instance as usize].to_world;
-        let scale = Mat3::from_mat4(t.m.as_mat4());
-        let before = Vec3::from(point.p);
-        let p = t.m.transform_point3(before.as_dvec3()).as_vec3();
+        let p = t.m.transform_point3(Vec3::from(point.p).as_dvec3()).as_vec3();
         point.p = p.into();
-        // The object-space bound, stretched by the largest column sum, and the rounding of the
-        // transform that the traversal applies to the ray.
-        let stretch = scale.x_axis.abs() + scale.y_axis.abs() + scale.z_axis.abs();
-        point.error =
-            point.error * max_abs(stretch) + gamma(4) * (max_abs(p) + max_abs(stretch) * max_abs(before));
+        // By rows, without signs.
+        let sizes = |m: &Mat4, v: Vec3| {
+            m.x_axis.truncate().abs() * v.x
+                + m.y_axis.truncate().abs() * v.y
+                + m.z_axis.truncate().abs() * v.z
+        };
+        let (forth, back) = (t.m.as_mat4(), t.inv.as_mat4());
+        let stretch = max_abs(sizes(&forth, Vec3::ONE));
+        // The traversal takes the ray back into the object's space, in f32: the error of its origin there, seen in
+        // the world, and that of its direction over the length of the triangle, of which PLANE says a bound.
+        let origin = sizes(&forth, sizes(&back, p.abs()) + back.w_axis.truncate().abs());
+        let direction = max_abs(sizes(&forth, sizes(&back, Vec3::ONE))) * (gamma(4) / PLANE);
+        point.error = point.error * stretch * (1.0 + direction) + PLACING * max_abs(origin);
         point.ng = t.normal(point.ng.into()).normalize_or_zero().into();
         point.ns = t.normal(point.ns.into()).normalize_or_zero().into();
         point.dpdu = t.vector(point.dpdu);
@@ -226,8 +243,12 @@ fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
     let p = p0 * b0 + p1 * b1 + p2 * b2;
     let (e1, e2) = (p1 - p0, p2 - p0);
     let cross = e1.cross(e2);
-    let area2 = cross.length();
-    let mut ng = cross / area2;
+    let l2 = cross.length_squared();
+    let mut ng = if (f32::MIN_POSITIVE..f32::INFINITY).contains(&l2) {
+        cross / l2.sqrt()
+    } else {
+        extreme_normal(e1, e2)
+    };
     if flat.flip {
         ng = -ng;
     }
@@ -251,6 +272,14 @@ fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
         add_attributes(&mut point, mesh, corners, [b0, b1, b2], edges, flat.needs);
     }
     point
+}
+
+/// Unit normal of a triangle so small or so large that the square of its area is none in f32: below the least normal
+/// number it loses digits, above the greatest it is lost. In f64 no edge is. Without area it is any unit vector.
+#[cold]
+#[inline(never)]
+fn extreme_normal(e1: Vec3A, e2: Vec3A) -> Vec3A {
+    e1.as_dvec3().cross(e2.as_dvec3()).normalize_or(DVec3::Z).as_vec3a()
 }
 
 /// Texture coordinates and what follows from them. `edges` lead from the first corner to the others.

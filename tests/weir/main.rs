@@ -28,6 +28,7 @@ mod compare;
 mod cost;
 mod embree_abi;
 mod generate;
+mod hard;
 mod order;
 mod page;
 mod pages;

@@ -30,6 +30,10 @@ pub(super) const SLACK: f32 = 1.0 + 24.0 * U;
 /// sideways by 2⁻⁴⁰ of its way, which is nothing beside its rounding; and where it lies within a face, by `beyond`.
 const LEAST: f32 = 1.0 / (1u64 << 40) as f32;
 
+/// Directions shorter than this part of what is farthest (or of one) meet nothing: times that, their reciprocals would
+/// overflow, and infinity less infinity is inside every box, even of children that are none.
+const SHORTEST: f32 = 1.0 / (1u128 << 85) as f32;
+
 /// Coordinates beyond are not hit: their products would overflow.
 pub(super) const LIMIT: f32 = (1u64 << 60) as f32;
 
@@ -71,9 +75,11 @@ impl Query {
         let size = d.abs();
         let largest = size.max_element();
         let away = o.abs().max_element();
-        // Not `>`, so that what is not a number ends here too. (A NaN among others may hide from the maximum and
-        // then fails every comparison with a box.)
-        if !(largest > f32::MIN_POSITIVE && largest <= LIMIT && away <= LIMIT) {
+        let limit = Vec3A::splat(LIMIT);
+        let shortest = (away + reach).max(1.0) * SHORTEST;
+        // By component, and not `>`, so that what is not a number ends here: it hides from a maximum, and two of three
+        // axes that are none hide the third from the boxes.
+        if !((size.cmple(limit) & o.abs().cmple(limit)).all() && largest > shortest) {
             return None;
         }
         // Without a branch: directions are random.

@@ -231,6 +231,19 @@ impl Quad {
     }
 }
 
+/// `lights` with powers that are times one power of two what they were, the largest between 1 and 2: only their ratios count,
+/// and those of powers of 1e30 would be lost at the bounds of what is made of them. Ratios keep every bit.
+fn comparable(lights: &[LightBounds]) -> Vec<LightBounds> {
+    let usable = lights.iter().filter(|l| l.usable());
+    let largest = usable.map(|l| l.power).fold(f32::MIN_POSITIVE, f32::max);
+    let exponent = (largest.to_bits() >> 23) as i32 - 127;
+    // What is left out stays without power, and all else keeps some.
+    let power = |l: &LightBounds| {
+        if l.usable() { (l.power * 2f32.powi(-exponent)).max(f32::MIN_POSITIVE) } else { 0.0 }
+    };
+    lights.iter().map(|l| LightBounds { power: power(l), ..*l }).collect()
+}
+
 /// A tree over lights.
 pub struct LightTree {
     quads: Vec<Quad>,
@@ -250,6 +263,7 @@ impl LightTree {
                 items.push(u32::try_from(i).ok().filter(|i| i & LEAF == 0)?);
             }
         }
+        let lights = &comparable(lights)[..];
         let bounds = items.iter().map(|&i| lights[i as usize]).reduce(|a, b| a.union(&b))?;
         let mut trails = vec![None; lights.len()];
         let mut quads: Vec<Quad> = Vec::with_capacity(items.len() / 2 + 1);

@@ -188,13 +188,9 @@ impl Meeting {
 
     fn native(&self, ray: &LocalRay) -> Errors {
         let size = self.d.abs().to_array();
-        let z = if size[0] > size[1] {
-            if size[0] > size[2] { 0 } else { 2 }
-        } else if size[1] > size[2] {
-            1
-        } else {
-            2
-        };
+        // The first of the largest, as the query takes it.
+        let largest = size.into_iter().fold(0.0, f64::max);
+        let z = size.iter().position(|s| *s == largest).unwrap_or(2);
         let (x, y) = ((z + 1) % 3, (z + 2) % 3);
         let (sx, sy) = (self.d[x] / self.d[z], self.d[y] / self.d[z]);
         let sheared = self.c.map(|c| ((c[x] - sx * c[z]).abs(), (c[y] - sy * c[z]).abs()));

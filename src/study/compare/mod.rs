@@ -8,6 +8,7 @@ mod aimed;
 mod arbiter;
 mod backends;
 mod bounds;
+mod held;
 mod hits;
 mod judge;
 mod outcome;
@@ -19,6 +20,7 @@ mod replay;
 mod testing;
 mod verdict;
 
+pub use held::{Ground, Held, hold};
 pub use hits::Kind;
 pub use outcome::{
     Answer, Answers, Backend, Comparison, Hits, Ratios, RayCounts, Worst, parse_ray, ray_text,
