@@ -6,8 +6,11 @@
 mod frame;
 mod job;
 mod load;
+pub(crate) mod plan;
 pub(crate) mod stage;
 mod stream;
+
+pub use plan::plan;
 
 use crate::error::Result;
 use crate::film::Image;

@@ -29,6 +29,9 @@ mod embree_abi;
 mod generate;
 mod order;
 mod pages;
+mod plan;
+#[cfg(unix)]
+mod plan_memory;
 mod report_page;
 mod texture_files;
 mod textures;

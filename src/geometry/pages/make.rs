@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Mesh;
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
+use crate::prepare::LEAST_PAGED;
 use crate::replace::try_replace_entry;
 use crate::texture::cache::least_budget;
 use crate::texture::cache_dir::{MakersLock, UNSETTLED};
@@ -28,8 +29,6 @@ use std::sync::Arc;
 use std::time::SystemTime;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
-const LEAST_PAGED: u64 = 1024;
 /// Bytes that meshes are cut in at least, whatever the budget.
 const LEAST_MEMORY: u64 = 32 << 20;
 
@@ -122,8 +121,7 @@ impl PageMaker {
     }
 
     /// The same with so many bytes to cut in.
-    #[cfg(test)]
-    pub(super) fn within(mut self, bytes: u64) -> Self {
+    pub(crate) fn within(mut self, bytes: u64) -> Self {
         self.memory = CutMemory::new(bytes);
         self
     }
