@@ -40,6 +40,11 @@ pub(super) fn render(
     let mut plan = planned.plan.clone();
     let (stage, environments) = pool.install(|| Stage::load(scene, settings, planned, threads, control))?;
     let Stage { geometry, textures, .. } = &stage;
+    if geometry.pages.is_some() && !plan.pages && settings.memory.is_some() && !settings.backend_named {
+        // There are more triangles than were guessed, and Embree cannot let go of any.
+        plan.backend = Backend::Native;
+        plan.stats.backend = plan.backend.name().to_owned();
+    }
     stats.time.prepare_s = start.elapsed().as_secs_f64();
 
     (control.progress)(Progress::Phase("building"));
@@ -201,6 +206,12 @@ fn hold_to_what_came(plan: &mut RenderPlan, settings: &RenderSettings, geometry:
     };
     plan.pages = geometry.pages.is_some();
     (plan.schedule, plan.stats.because) = choose(settings, store);
+    if settings.memory.is_some() && settings.schedule == Schedule::Auto && plan.schedule != Schedule::Depth {
+        // Nothing was set aside for rays.
+        plan.schedule = Schedule::Depth;
+        plan.stats.because =
+            "geometry is larger than its headers said, and no memory was left for rays that wait".into();
+    }
     plan.stats.schedule = plan.schedule.name().to_owned();
     plan.stats.memory.geometry_store = if plan.pages { "pages" } else { "resident" }.to_owned();
 }

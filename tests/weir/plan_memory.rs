@@ -146,6 +146,49 @@ fn embree_gives_way_unless_it_was_asked_for_by_name() {
     assert!(e.exit_code() == 2 && e.to_string().contains("--backend native"), "{e}");
 }
 
+/// Quadrilaterals as text count as one triangle each, and are two: what was planned for half of them is planned again.
+#[test]
+fn a_wrong_guess_is_made_good() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let n = 200u32;
+    let mut ply = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n\
+         property list uchar int vertex_indices\nend_header\n",
+        (n + 1) * (n + 1),
+        n * n
+    );
+    for i in 0..(n + 1) * (n + 1) {
+        let (x, y) = (f64::from(i % (n + 1)) / f64::from(n), f64::from(i / (n + 1)) / f64::from(n));
+        ply += &format!("{x} {y} {}\n", (20.0 * x * y).sin() * 0.1);
+    }
+    for i in 0..n * n {
+        let a = i / n * (n + 1) + i % n;
+        ply += &format!("4 {a} {} {} {}\n", a + 1, a + n + 2, a + n + 1);
+    }
+    fs::write(folder.path().join("quads.ply"), ply).expect("written");
+    let text = "LookAt 0.5 0.5 -2  0.5 0.5 0  0 1 0\nCamera \"perspective\"\n\
+                Film \"rgb\" \"integer xresolution\" 32 \"integer yresolution\" 32\nWorldBegin\n\
+                LightSource \"infinite\"\nShape \"plymesh\" \"string filename\" \"quads.ply\"\n";
+    let scene = crate::support::scene_beside(text, folder.path());
+    let base = RenderSettings { backend: Backend::Native, ..settings(folder.path()) };
+    let plain = image(&scene, &base);
+    for memory in [9_000_000, 11_000_000, 13_000_000, 64_000_000] {
+        let settings = RenderSettings { memory: Some(memory), ..base.clone() };
+        let result = match outcome(&scene, &settings) {
+            Err(e @ Error::Usage(_)) if memory < 64_000_000 => {
+                assert!(e.to_string().contains("--memory "), "{e}");
+                continue;
+            }
+            result => result.unwrap_or_else(|e| panic!("{memory}: {e}")),
+        };
+        assert_eq!(result.image.pixels, plain.pixels, "{memory}");
+        let stats = result.stats;
+        assert!(stats.memory.peak_accounted <= memory, "{memory}: {:?}", stats.memory);
+        assert_eq!(stats.plan.schedule, stats.scheduler.name);
+        assert_eq!(stats.plan.memory.geometry_store == "pages", stats.geometry_cache.is_some());
+    }
+}
+
 /// Runs `weir LINE` in `at` with so many bytes of data.
 fn limited(at: &Path, data_bytes: u64, line: &str) -> Output {
     let run = format!("ulimit -d {}; exec {} {line}", data_bytes / 1024, env!("CARGO_BIN_EXE_weir"));

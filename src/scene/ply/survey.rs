@@ -39,7 +39,12 @@ fn survey_with(path: &Path, buffer_bytes: usize) -> Result<MeshFacts> {
     let header = header::read(&mut stream)?;
     let of = |kind: Kind| header.elements.iter().find(|e| e.kind == kind);
     let (vertex, face) = (of(Kind::Vertex), of(Kind::Face));
-    let faces = face.map_or(0, |e| e.count);
+    // A face takes a byte at least, and gzip packs a thousand into one at most.
+    let most = match stream.bytes_left() {
+        Some(left) => left,
+        None => std::fs::metadata(path).map_or(0, |m| m.len()).saturating_mul(1032),
+    };
+    let faces = face.map_or(0, |e| e.count.min(most));
     let triangles = stream.bytes_left().and_then(|left| triangles(&header, left));
     Ok(MeshFacts {
         vertices: vertex.map_or(0, |e| e.count),
@@ -74,4 +79,91 @@ fn triangles(header: &Header, bytes: u64) -> Option<u64> {
     let item = item.map(Scalar::bytes)? as u64;
     (items % item == 0).then_some(())?;
     (items / item).checked_sub(2 * face.count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::ply::read_ply;
+    use flate2::{Compression, write::GzEncoder};
+    use std::io::Write;
+
+    /// A triangle and a pentagon over five vertices with normals, as `format` has it; `more` stands in the header.
+    fn file(format: &str, more: &str) -> Vec<u8> {
+        let head = format!(
+            "ply\nformat {format} 1.0\n{more}element vertex 5\nproperty float x\nproperty float y\nproperty float z\n\
+             property float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n\
+             element face 2\nproperty uchar flags\nproperty list uchar int vertex_indices\nend_header\n"
+        );
+        let mut out = head.into_bytes();
+        let faces: [&[i32]; 2] = [&[0, 1, 2], &[0, 1, 2, 3, 4]];
+        let big = format.ends_with("big_endian");
+        // A byte or four, and the same as text.
+        let mut rest: Vec<(Option<u8>, [u8; 4], String)> = Vec::new();
+        for i in 0..5 {
+            let (x, y) = ((i as f32).cos(), (i as f32).sin());
+            for c in [x, y, 0.0, 0.0, 0.0, 1.0] {
+                rest.push((None, c.to_le_bytes(), c.to_string()));
+            }
+            rest.push((Some(7), [0; 4], "7".into()));
+        }
+        for face in faces {
+            rest.push((Some(0), [0; 4], "0".into()));
+            rest.push((Some(face.len() as u8), [0; 4], face.len().to_string()));
+            face.iter().for_each(|v| rest.push((None, v.to_le_bytes(), v.to_string())));
+        }
+        for (byte, bytes, shown) in rest {
+            match byte {
+                _ if format == "ascii" => out.extend(format!("{shown} ").bytes()),
+                Some(byte) => out.push(byte),
+                None if big => out.extend(bytes.iter().rev()),
+                None => out.extend(bytes),
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn headers_tell_what_is_read_afterwards() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.ply");
+        // The last has a line that no small buffer holds.
+        let long = format!("comment {}\n", "x".repeat(9000));
+        for (format, more, exact) in [
+            ("binary_little_endian", "", true),
+            ("binary_big_endian", "", true),
+            ("ascii", "", false),
+            ("binary_little_endian", long.as_str(), true),
+        ] {
+            std::fs::write(&path, file(format, more)).expect("written");
+            let (facts, mesh) = (survey(&path).expect("a header"), read_ply(&path).expect("a mesh"));
+            assert_eq!((mesh.positions.len(), mesh.indices.len()), (5, 4), "{format}");
+            let triangles = if exact { 4 } else { 2 };
+            assert_eq!(facts, MeshFacts { vertices: 5, vertex_bytes: 24, triangles, exact }, "{format}");
+        }
+        let path = folder.path().join("a.ply.gz");
+        let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+        packed.write_all(&file("binary_little_endian", "")).expect("memory");
+        std::fs::write(&path, packed.finish().expect("memory")).expect("written");
+        let facts = survey(&path).expect("a header");
+        assert_eq!((facts.vertices, facts.triangles, facts.exact), (5, 2, false));
+    }
+
+    #[test]
+    fn damage_is_an_error_or_no_more_than_a_guess() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.ply");
+        let good = file("binary_little_endian", "");
+        for length in 0..good.len() {
+            std::fs::write(&path, &good[..length]).expect("written");
+            if let Ok(facts) = survey(&path) {
+                assert!(facts.triangles <= 4, "{length}: {facts:?}");
+            }
+        }
+        let text =
+            String::from_utf8_lossy(&good).replace("element face 2", "element face 18446744073709551615");
+        std::fs::write(&path, text.as_bytes()).expect("written");
+        // Larger than any file: it is held against this one.
+        assert!(survey(&path).is_ok_and(|facts| !facts.exact && facts.triangles <= good.len() as u64));
+    }
 }
