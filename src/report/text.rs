@@ -138,9 +138,13 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     )?;
     writeln!(
         out,
-        "plan      geometry {}, textures {}; found: geometry {}, textures {}",
+        "plan      geometry {}, textures {}",
         bytes(plan.bytes.geometry),
-        bytes(plan.bytes.textures),
+        bytes(plan.bytes.textures)
+    )?;
+    writeln!(
+        out,
+        "found     geometry {}, textures {}",
         bytes(memory.all_geometry),
         bytes(memory.all_textures)
     )?;
