@@ -3,13 +3,14 @@
 
 mod cli;
 
-use cli::{Command, compare, cost, diff, generate, info, render, report, texture};
+use cli::{Command, compare, cost, diff, generate, info, plan, render, report, texture};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     cli::report_panics_in_one_line();
     let result = cli::parse(std::env::args_os()).and_then(|command| match command {
         Command::Render(options) => render::run(&options),
+        Command::Plan(options) => plan::run(&options),
         Command::Compare(options) => compare::run(&options),
         Command::Cost(options) => cost::run(&options),
         Command::Diff(options) => diff::run(&options),

@@ -6,10 +6,12 @@
 mod frame;
 mod job;
 mod load;
+pub(crate) mod plan;
 pub(crate) mod stage;
 mod stream;
 
 pub use frame::{Frames, with_frames};
+pub use plan::plan;
 
 use crate::error::Result;
 use crate::film::Image;

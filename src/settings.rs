@@ -13,6 +13,17 @@ pub enum Backend {
     Native,
 }
 
+impl Backend {
+    /// What it is called on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Embree => "embree",
+            Self::Native => "native",
+        }
+    }
+}
+
 /// How direct light is estimated. All three have the same expectation where lights have extent and
 /// surfaces are rough; they are here so that each can be held against the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -67,6 +78,19 @@ pub enum Schedule {
     Voxel,
 }
 
+impl Schedule {
+    /// What it is called on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Depth => "depth",
+            Self::Sorted => "sorted",
+            Self::Voxel => "voxel",
+        }
+    }
+}
+
 /// What the command line may override; `None` keeps what the scene file says.
 #[derive(Clone, Debug, Default)]
 pub struct RenderSettings {
@@ -86,6 +110,11 @@ pub struct RenderSettings {
     pub threads: Option<usize>,
     /// Traversal.
     pub backend: Backend,
+    /// Whether [`Self::backend`] was asked for by name; else another may take its place where memory wants it.
+    pub backend_named: bool,
+    /// Bytes of everything together: geometry, its acceleration structures, textures, rays that wait, film, images of
+    /// lights and the scene's own tables; `None` means no bound.
+    pub memory: Option<u64>,
     /// Embree's robust mode (the native hierarchy knows no other): fewer misses at edges, 15 to 30 % slower.
     pub robust: bool,
     /// Stop after so many seconds of rendering.

@@ -1,7 +1,8 @@
 //! `weir cost`: what accuracy costs in time, for every knob that trades one for the other.
 
+use crate::cli::options::BackendName;
 use crate::cli::progress::Bar;
-use crate::cli::render::{BackendName, note_warnings};
+use crate::cli::render::note_warnings;
 use crate::cli::{End, check_apart, check_not_input, interrupt, print, values};
 use clap::Args;
 use std::path::PathBuf;
@@ -91,6 +92,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         size: options.size,
         max_depth: options.max_depth,
         backend: options.backend.map_or_else(Default::default, BackendName::backend),
+        backend_named: options.backend.is_some(),
         seed: options.seed,
         threads: options.threads,
         ..RenderSettings::default()

@@ -8,6 +8,8 @@ pub(crate) mod diff;
 pub(crate) mod generate;
 pub(crate) mod info;
 mod interrupt;
+mod options;
+pub(crate) mod plan;
 mod progress;
 pub(crate) mod render;
 pub(crate) mod report;
@@ -31,6 +33,7 @@ Examples:
   weir scene.pbrt --time 60s --stats stats.json
   weir diff new.exr reference.exr        how far two images are apart
   weir report stats.json                 where time and memory went
+  weir plan scene.pbrt                   what it calls for, and what that takes
   weir texture bark.png -o bark.tx       a tiled, mip-mapped texture
   weir cost scene.pbrt --report c.html   what accuracy costs in time, knob by knob
   weir compare scene.pbrt                Embree against the native hierarchy, hit by hit
@@ -54,6 +57,8 @@ struct Arguments {
 enum Subcommand {
     /// Render a scene (pbrt-v4, OBJ, PLY)
     Render(render::Options),
+    /// Say what a scene calls for, what it takes, and how it would be rendered
+    Plan(plan::Options),
     /// Hold Embree against the native hierarchy, hit by hit, and time both
     Compare(compare::Options),
     /// Measure what accuracy costs in time, knob by knob
@@ -73,6 +78,7 @@ enum Subcommand {
 /// What to do.
 pub(crate) enum Command {
     Render(render::Options),
+    Plan(plan::Options),
     Compare(compare::Options),
     Cost(cost::Options),
     Diff(diff::Options),
@@ -103,6 +109,7 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
     match Arguments::try_parse_from(arguments) {
         Ok(Arguments { command }) => Ok(match command {
             Subcommand::Render(options) => Command::Render(options),
+            Subcommand::Plan(options) => Command::Plan(options),
             Subcommand::Compare(options) => Command::Compare(options),
             Subcommand::Cost(options) => Command::Cost(options),
             Subcommand::Diff(options) => Command::Diff(options),
@@ -120,8 +127,8 @@ pub(crate) fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Com
 
 /// `weir SCENE` is `weir render SCENE`, wherever the options stand.
 fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
-    const COMMANDS: [&str; 9] =
-        ["render", "compare", "cost", "diff", "info", "report", "texture", "generate", "help"];
+    const COMMANDS: [&str; 10] =
+        ["render", "plan", "compare", "cost", "diff", "info", "report", "texture", "generate", "help"];
     let Some(first) = arguments.get(1) else {
         return Err(Error::Usage(
             "no scene given; `weir scene.pbrt` renders one; see weir --help".to_owned(),
@@ -135,7 +142,7 @@ fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
     // A bare word that is no file is more likely a command misspelt than a scene misplaced.
     if !text.starts_with('-') && !text.contains(['.', '/']) && !Path::new(first).exists() {
         return Err(Error::Usage(format!(
-            "no command and no file is called '{text}'; the commands are render, compare, diff, info, report, texture and generate; see weir --help"
+            "no command and no file is called '{text}'; the commands are render, plan, compare, diff, info, report, texture and generate; see weir --help"
         )));
     }
     arguments.insert(1, "render".into());

@@ -1,8 +1,9 @@
 //! `weir render`: loads, renders, writes images and statistics, and says so.
 
+use crate::cli::options::SettingsOptions;
 use crate::cli::progress::Bar;
-use crate::cli::{End, check_apart, check_not_input, interrupt, note, print, values};
-use clap::{Args, ValueEnum};
+use crate::cli::{End, check_apart, check_not_input, interrupt, note, print};
+use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -13,7 +14,7 @@ use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
 use weir::report::{attributes, bytes, count, html_page, seconds};
 use weir::scene::{self, SceneDescription};
-use weir::settings::{Backend, Estimator, RenderSettings, Sampler, Schedule, TextureFilter};
+use weir::settings::RenderSettings;
 use weir::stats::{MemoryWatch, RenderStats};
 
 const EXAMPLES: &str = "\
@@ -36,70 +37,8 @@ pub(crate) struct Options {
     /// Image to write: .exr (linear float), .png (sRGB) or .pfm; may be repeated
     #[arg(short, long = "output", value_name = "FILE")]
     output: Vec<PathBuf>,
-    /// Samples per pixel
-    #[arg(long, value_name = "N", value_parser = values::samples, allow_negative_numbers = true)]
-    spp: Option<u32>,
-    /// Stop after so much rendering time: 60s, 1.5m, 2h
-    #[arg(long, value_name = "TIME", value_parser = values::seconds, allow_hyphen_values = true)]
-    time: Option<f64>,
-    /// Size of the whole image in pixels
-    #[arg(long, value_name = "WxH", value_parser = values::size, allow_hyphen_values = true)]
-    size: Option<(u32, u32)>,
-    /// Window to render, in pixels; x1 and y1 are the first outside
-    #[arg(long, value_name = "x0,y0,x1,y1", value_parser = values::crop, allow_hyphen_values = true)]
-    crop: Option<[u32; 4]>,
-    /// Scattering events of a path; 0 shows lights only
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    max_depth: Option<u32>,
-    /// End unimportant paths early, at random
-    #[arg(long, value_name = "on|off")]
-    roulette: Option<Switch>,
-    /// Random numbers: scrambled Sobol points, or samples that know nothing of each other (to compare)
-    #[arg(long, value_name = "NAME", default_value = "sobol")]
-    sampler: SamplerName,
-    /// Direct light: by light and BSDF sampling together, or by one alone (to compare)
-    #[arg(long, value_name = "NAME", default_value = "both")]
-    estimator: EstimatorName,
-    /// Seed of the random numbers
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    seed: Option<u64>,
-    /// Worker threads; all processors if not given
-    #[arg(long, value_name = "N", value_parser = values::threads, allow_negative_numbers = true)]
-    threads: Option<usize>,
-    /// What traces rays: embree where it was built in, else native
-    #[arg(long, value_name = "NAME")]
-    backend: Option<BackendName>,
-    /// Fewer rays slip between triangles; 15 to 30 % slower
-    #[arg(long)]
-    robust: bool,
-    /// Bytes of textures in memory: 512M, 2G; half of what is free if not given
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
-    texture_memory: Option<u64>,
-    /// Bytes of geometry in memory while rendering, its trees included; meshes that do not fit come and go in
-    /// pages, which needs the native backend
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
-    geometry_memory: Option<u64>,
-    /// Bytes of a page of geometry, 4K to 128K
-    #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::page_bytes, allow_negative_numbers = true)]
-    page_size: u64,
-    /// Which rays run next: auto chooses depth where everything fits in memory, else what makes most of it
-    #[arg(long, value_name = "NAME", default_value = "auto")]
-    schedule: ScheduleName,
-    /// Bytes of paths in flight and their rays where they wait (schedules sorted and voxel); 256M if not given
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
-    ray_memory: Option<u64>,
-    /// Voxels of the scheduling grid, about; a number that follows from what fits in memory if not given
-    #[arg(long, value_name = "N", value_parser = values::voxels, allow_negative_numbers = true)]
-    voxels: Option<u32>,
-    /// A read of a texture tile takes at least so many milliseconds (slow storage, simulated)
-    #[arg(long, value_name = "N", default_value = "0", value_parser = values::milliseconds, allow_negative_numbers = true)]
-    texture_latency_ms: f64,
-    /// Where tiled copies of textures and pages of geometry are kept; ~/.cache/weir if not given
-    #[arg(long, value_name = "DIR")]
-    cache_dir: Option<PathBuf>,
-    /// Filter of all image textures; else what the scene says. Alpha masks always read the finest level
-    #[arg(long, value_name = "NAME")]
-    texture_filter: Option<FilterName>,
+    #[command(flatten)]
+    settings: SettingsOptions,
     /// What stands in for something unsupported is an error
     #[arg(long)]
     strict: bool,
@@ -112,69 +51,6 @@ pub(crate) struct Options {
     /// Print nothing but errors
     #[arg(short, long)]
     quiet: bool,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Switch {
-    On,
-    Off,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub(super) enum BackendName {
-    Embree,
-    Native,
-}
-
-impl BackendName {
-    pub(super) fn backend(self) -> Backend {
-        match self {
-            Self::Embree => Backend::Embree,
-            Self::Native => Backend::Native,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum SamplerName {
-    Sobol,
-    Independent,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum EstimatorName {
-    Both,
-    Lights,
-    Scattering,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum ScheduleName {
-    Auto,
-    Depth,
-    Sorted,
-    Voxel,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum FilterName {
-    Point,
-    Bilinear,
-    Trilinear,
-    Ewa,
-    Stochastic,
-}
-
-impl FilterName {
-    fn filter(self) -> TextureFilter {
-        match self {
-            Self::Point => TextureFilter::Point,
-            Self::Bilinear => TextureFilter::Bilinear,
-            Self::Trilinear => TextureFilter::Trilinear,
-            Self::Ewa => TextureFilter::Ewa,
-            Self::Stochastic => TextureFilter::Stochastic,
-        }
-    }
 }
 
 impl Options {
@@ -190,48 +66,8 @@ impl Options {
 
     /// As the library takes them.
     pub(super) fn settings(&self) -> RenderSettings {
-        RenderSettings {
-            estimator: match self.estimator {
-                EstimatorName::Both => Estimator::Both,
-                EstimatorName::Lights => Estimator::Lights,
-                EstimatorName::Scattering => Estimator::Scattering,
-            },
-            sampler: match self.sampler {
-                SamplerName::Sobol => Sampler::Sobol,
-                SamplerName::Independent => Sampler::Independent,
-            },
-            spp: self.spp,
-            size: self.size,
-            crop: self.crop,
-            max_depth: self.max_depth,
-            roulette: self.roulette.map(|switch| matches!(switch, Switch::On)),
-            seed: self.seed,
-            threads: self.threads,
-            backend: match self.backend {
-                // Embree cannot let go of a part of a scene.
-                None if self.geometry_memory.is_some() => Backend::Native,
-                None => Backend::default(),
-                Some(name) => name.backend(),
-            },
-            robust: self.robust,
-            time_limit_seconds: self.time,
-            outputs: self.output.clone(),
-            texture_memory: self.texture_memory,
-            geometry_memory: self.geometry_memory,
-            page_bytes: Some(usize::try_from(self.page_size).unwrap_or(usize::MAX)),
-            schedule: match self.schedule {
-                ScheduleName::Auto => Schedule::Auto,
-                ScheduleName::Depth => Schedule::Depth,
-                ScheduleName::Sorted => Schedule::Sorted,
-                ScheduleName::Voxel => Schedule::Voxel,
-            },
-            ray_memory: self.ray_memory,
-            voxels: self.voxels,
-            texture_latency_seconds: self.texture_latency_ms * 1e-3,
-            cache_dir: self.cache_dir.clone(),
-            strict: self.strict,
-            texture_filter: self.texture_filter.map(FilterName::filter),
-        }
+        let (outputs, strict) = (self.output.clone(), self.strict);
+        RenderSettings { outputs, strict, ..self.settings.settings() }
     }
 }
 
@@ -239,7 +75,7 @@ impl Options {
 pub(crate) fn run(options: &Options) -> Result<End> {
     let start = Instant::now();
     // Before the first file is made: trying whether a name can be written makes one.
-    let bar = Bar::new(!options.quiet, options.time);
+    let bar = Bar::new(!options.quiet, options.settings.time());
     interrupt::listen(bar.handle());
     // Before the work, so that none is lost to a name that cannot be written.
     let mut named = options.output.iter().map(PathBuf::as_path).chain(options.records());
@@ -316,8 +152,9 @@ fn load_and_render(
         check_writable(&output)?;
     }
     interrupt::rendering();
+    let settings = options.settings();
     let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress), watch };
-    let outcome = render(&scene, &options.settings(), &control)?;
+    let outcome = render(&scene, &settings, &control)?;
     interrupt::writing();
     Ok((parse_s, scene, outcome))
 }

@@ -6,7 +6,8 @@ use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Geometry, Hit, InstanceOf};
 use crate::error::{Error, Result};
-use crate::scene::{Material, MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
+use crate::prepare::is_visible;
+use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -40,25 +41,14 @@ pub struct SceneGeometry {
 pub struct Paging {
     /// Bytes of all geometry.
     pub budget: u64,
+    /// Most bytes that meshes are cut in; `None`: what follows from the budget.
+    pub cut_in: Option<u64>,
+    /// All of it is expected to fit where it has so many triangles and other primitives at most; `None`: it is not.
+    pub whole: Option<u64>,
     /// Bytes of a page.
     pub page_bytes: usize,
     /// Where page files are kept; `None`: the user's cache directory.
     pub cache_dir: Option<PathBuf>,
-}
-
-impl Paging {
-    /// Whether it is worth a try to keep all of `scene`: a triangle in a binary file takes some 23 bytes, in memory
-    /// with its tree some 90.
-    fn may_fit(&self, scene: &SceneDescription) -> bool {
-        let bytes = |source: &MeshSource| match source {
-            MeshSource::Ply(path) => {
-                let packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-                std::fs::metadata(path).map_or(0, |m| m.len().saturating_mul(if packed { 16 } else { 4 }))
-            }
-            MeshSource::Inline(_) | MeshSource::Loop { .. } => 0,
-        };
-        scene.meshes.iter().map(bytes).fold(0, u64::saturating_add) <= self.budget
-    }
 }
 
 /// Loads the shapes of `scene`. `stop` is asked while meshes are cut into pages, which may take long.
@@ -71,18 +61,22 @@ pub fn load(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SceneGeometry> {
     let Some(paging) = paging else { return load_with(scene, None, stop) };
-    if paging.may_fit(scene) {
+    if let Some(expected) = paging.whole {
         let geometry = load_with(scene, None, stop)?;
-        if geometry.bytes() + TREE_BYTES * geometry.primitive_count() <= paging.budget {
+        let primitives = geometry.primitive_count();
+        if primitives <= expected || geometry.bytes() + TREE_BYTES * primitives <= paging.budget {
             return Ok(geometry);
         }
     }
-    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
+    let mut maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
+    if let Some(bytes) = paging.cut_in {
+        maker = maker.within(bytes);
+    }
     load_with(scene, Some((maker, paging.page_bytes)), stop)
 }
 
-/// Of a primitive's share of the tree, at most: 51 to 60 for triangles (`weir compare`), and as much again for the tree
-/// of those that shine.
+/// Of a primitive's share of the tree, where what was expected of meshes was a guess: 51 to 60 for triangles (`weir
+/// compare`), and as much again for the tree of those that shine.
 const TREE_BYTES: u64 = 128;
 
 fn load_with(
@@ -90,13 +84,7 @@ fn load_with(
     maker: Option<(PageMaker, usize)>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SceneGeometry> {
-    // An interface without emission neither scatters nor emits. Unless it separates media, no ray
-    // need ever stop at it.
-    let visible = |s: &&Shape| {
-        !matches!(scene.materials[s.material.index()], Material::Interface)
-            || s.area_light.is_some()
-            || s.medium.is_some()
-    };
+    let visible = |s: &&Shape| is_visible(scene, s);
     let mut shapes: Vec<&Shape> = scene.shapes.iter().filter(visible).collect();
     let world_count = shapes.len();
     let mut objects = Vec::with_capacity(scene.objects.len());

@@ -5,8 +5,9 @@
 
 use super::job::{Job, Order};
 use super::load::open_pages;
+use super::plan::Planned;
 use super::stage::{Stage, effective_film, emitters_only, pool};
-use super::stream::{DEFAULT_RAY_MEMORY, Waiting, check_ray_memory};
+use super::stream::{Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::Result;
@@ -15,9 +16,10 @@ use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
 use crate::integrator::lights::Lights;
 use crate::integrator::path::World;
+use crate::prepare::{RenderPlan, Store, choose};
 use crate::scene::{Film, SceneDescription};
-use crate::settings::{RenderSettings, Schedule};
-use crate::stats::{self, RenderStats, SchedulerStats};
+use crate::settings::{Backend, RenderSettings, Schedule};
+use crate::stats::{self, AccountedBytes, RenderStats, SchedulerStats};
 use glam::{Mat3, Vec3};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -33,6 +35,8 @@ pub struct Frames<'a, 'c> {
     staying: u64,
     /// What loading cost.
     loaded: RenderStats,
+    /// What was planned, held to what came.
+    plan: RenderPlan,
     threads: usize,
     start: Instant,
     control: &'a Control<'c>,
@@ -63,36 +67,48 @@ pub fn with_frames<R>(
     let start = Instant::now();
 
     (control.progress)(Progress::Phase("loading"));
-    let (stage, environments) = pool.install(|| Stage::load(scene, settings, threads, control))?;
+    let planned = pool.install(|| Planned::new(scene, &film, settings, threads))?;
+    let mut plan = planned.plan.clone();
+    let (stage, environments) = pool.install(|| Stage::load(scene, settings, planned, threads, control))?;
     let Stage { geometry, textures, .. } = &stage;
+    if geometry.pages.is_some() && !plan.pages && settings.memory.is_some() && !settings.backend_named {
+        // There are more triangles than were guessed, and Embree cannot let go of any.
+        plan.backend = Backend::Native;
+        plan.stats.backend = plan.backend.name().to_owned();
+    }
     loaded.time.prepare_s = start.elapsed().as_secs_f64();
 
     (control.progress)(Progress::Phase("building"));
     let build_start = Instant::now();
-    let builder = Builder::new(settings.backend, settings.robust, threads)?;
+    let builder = Builder::new(plan.backend, settings.robust, threads)?;
     let (world_geometry, objects, instances) = geometry.for_backend();
     let pages = geometry.pages.as_ref().map(|pages| pages as &dyn Pages);
     let accel = pool.install(|| builder.build(&world_geometry, &objects, &instances, geometry, pages))?;
     loaded.time.build_s = build_start.elapsed().as_secs_f64();
-    let staying = geometry.bytes() + accel.bytes();
-    open_pages(geometry, staying, settings, threads)?;
+    let lights = Lights::new(scene, geometry, textures, environments);
+    let emitters = emitters_only(&builder, geometry, &lights)?;
+    // Embree tells what all its structures take together.
+    let of_emitters =
+        if plan.backend == Backend::Native { emitters.as_ref().map_or(0, |e| e.bytes()) } else { 0 };
+    let staying = geometry.bytes() + accel.bytes() + of_emitters;
+    open_pages(geometry, staying, settings, &plan, threads)?;
     if let Some(watch) = control.watch {
         let tiles = textures.store().cache().map(|(cache, _)| cache.used());
         watch.follow(tiles, geometry.pages.as_ref().map(PageStore::used), staying);
     }
-    loaded.plan.bytes.geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
-    loaded.plan.bytes.textures = textures.store().all_bytes();
+    loaded.memory.all_geometry = staying + geometry.pages.as_ref().map_or(0, PageStore::all_bytes);
+    loaded.memory.all_textures = textures.store().all_bytes();
+    loaded.memory.budget = settings.memory;
+    hold_to_what_came(&mut plan, settings, geometry);
 
-    let lights = Lights::new(scene, geometry, textures, environments);
-    let emitters = emitters_only(&builder, geometry, &lights)?;
     let world = stage.world(scene, settings, film.size, lights, (&*accel, emitters.as_deref()));
     let (stage, builder) = (&stage, &builder);
-    work(&mut Frames { scene, stage, builder, world, staying, loaded, threads, start, control })
+    work(&mut Frames { scene, stage, builder, world, staying, loaded, plan, threads, start, control })
 }
 
 impl Frames<'_, '_> {
     /// Renders it. `settings` may differ from those that it was loaded with in samples, seed, size, crop, depth, roulette,
-    /// estimator, sampler, schedule and limits of rays and time.
+    /// estimator, sampler and limits of time; what was planned stays.
     ///
     /// # Errors
     /// A crop outside the film, or a memory for rays that is too small.
@@ -103,17 +119,20 @@ impl Frames<'_, '_> {
     }
 
     fn trace(&self, settings: &RenderSettings, film: &Film) -> Result<Outcome> {
-        let Self { scene, stage, builder, ref world, staying, threads, start, control, .. } = *self;
-        let geometry = &stage.geometry;
-        let textures = &stage.textures;
+        let Self { scene, stage, builder, ref world, ref plan, staying, threads, start, control, .. } = *self;
+        let (geometry, textures) = (&stage.geometry, &stage.textures);
         let mut stats = self.loaded.clone();
         let spp = settings.spp.unwrap_or(scene.spp).max(1);
         let buffer = FilmBuffer::new(film.crop);
         // Only where tiles may have to go and come again does the order of work cost anything.
         let reads_tiles = !textures.store().all_tiles_fit()
             || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
-        let (waiting, because) = choice(settings, geometry);
-        let ray_memory = settings.ray_memory.unwrap_or(DEFAULT_RAY_MEMORY);
+        let waiting = match (plan.schedule, &geometry.pages) {
+            (Schedule::Voxel, Some(pages)) => Some(Waiting::Voxel { pages, voxels: settings.voxels }),
+            (Schedule::Voxel | Schedule::Sorted, _) => Some(Waiting::Sorted),
+            (Schedule::Auto | Schedule::Depth, _) => None,
+        };
+        let ray_memory = plan.ray_memory;
         if waiting.is_some() {
             check_ray_memory(ray_memory, threads)?;
         }
@@ -143,7 +162,7 @@ impl Frames<'_, '_> {
         };
         let (counters, scheduler) = match &waiting {
             None => (job.run(threads), SchedulerStats::default()),
-            Some(waiting) => job.run_in_queues(threads, waiting, ray_memory),
+            Some(waiting) => job.run_in_queues(threads, waiting, ray_memory, plan.table_room()),
         };
         let render_s = job.start.elapsed().as_secs_f64();
 
@@ -161,7 +180,6 @@ impl Frames<'_, '_> {
         stats.image.height = y1 - y0;
         stats.image.pixels_without_samples = job.buffer.untouched_pixels();
         stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
-        stats.memory.peak_accounted = staying + textures.store().bytes() + job.buffer.bytes();
         stats.settings = stats::EffectiveSettings {
             backend: builder.name(),
             spp,
@@ -177,16 +195,25 @@ impl Frames<'_, '_> {
             geometry_memory: settings.geometry_memory,
             texture_latency_s: settings.texture_latency_seconds,
         };
-        stats.memory.peak_accounted += scheduler.ray_memory_peak + scheduler.index_bytes;
+        stats.memory.accounted = AccountedBytes {
+            geometry: staying,
+            textures: textures.store().bytes(),
+            rays: scheduler.ray_memory_peak,
+            film: job.buffer.bytes() + 12 * u64::from(x1 - x0) * u64::from(y1 - y0),
+            lights: world.lights.bytes(),
+            description: plan.stats.bytes.description,
+            tables: scheduler.index_bytes,
+        };
         stats.scheduler = SchedulerStats {
             name: waiting.as_ref().map_or("depth", Waiting::name).into(),
-            because,
+            because: plan.stats.because.clone(),
             ..scheduler
         };
-        stats.finish(&counters);
+        stats.plan = plan.stats.clone();
         let mut unreadable = Vec::new();
         if let Some((cache, names)) = textures.store().cache() {
             let cost = cache.stats(names);
+            stats.memory.accounted.tables += cost.index_bytes;
             stats.time.stall_s = cost.total.stall_s;
             stats.texture_cache = Some(cost);
             stats.miss_ratio.texture = cache.miss_ratio_curve();
@@ -197,12 +224,22 @@ impl Frames<'_, '_> {
             let (mut cost, curve, failures) = pages.stats();
             cost.making_bytes = geometry.making_bytes;
             stats.time.stall_s += cost.total.stall_s;
-            stats.memory.peak_accounted += cost.peak + cost.index_bytes;
+            stats.memory.accounted.geometry += cost.peak;
+            stats.memory.accounted.tables += cost.index_bytes;
             stats.geometry_cache = Some(cost);
             stats.miss_ratio.geometry = curve;
             unreadable.extend(failures);
         }
-        let notes = textures.store().notes().to_vec();
+        stats.memory.peak_accounted = stats.memory.accounted.sum();
+        stats.finish(&counters);
+        let mut notes = textures.store().notes().to_vec();
+        if plan.backend != settings.backend {
+            notes.push(format!(
+                "all geometry does not fit into --memory with {}, which keeps it there: {} traces",
+                settings.backend.name(),
+                plan.backend.name()
+            ));
+        }
         let mut image = Image::cropped(film.size, film.crop);
         image.pixels = job.buffer.resolve();
         balance(&mut image.pixels, film);
@@ -210,27 +247,25 @@ impl Frames<'_, '_> {
     }
 }
 
-/// Whether rays wait, and why.
-fn choice<'g>(settings: &RenderSettings, geometry: &'g SceneGeometry) -> (Option<Waiting<'g>>, String) {
-    let asked = || "asked for".to_owned();
-    let voxel = |pages: &'g PageStore| Some(Waiting::Voxel { pages, voxels: settings.voxels });
-    match (settings.schedule, &geometry.pages) {
-        (Schedule::Depth, _) => (None, asked()),
-        (Schedule::Sorted, _) => (Some(Waiting::Sorted), asked()),
-        (Schedule::Voxel, Some(pages)) => (voxel(pages), asked()),
-        (Schedule::Voxel, None) => {
-            (Some(Waiting::Sorted), "voxel was asked for, but all geometry stays in memory".into())
-        }
-        // What is in flight when time is over is lost, and it is much.
-        (Schedule::Auto, Some(_)) if settings.time_limit_seconds.is_some() => {
-            (None, "a limit on time wants samples that are done soon".into())
-        }
-        (Schedule::Auto, Some(pages)) if !pages.fits_all() => {
-            let because = format!("{} bytes of geometry in room for {}", pages.all_bytes(), pages.budget());
-            (voxel(pages), because)
-        }
-        (Schedule::Auto, _) => (None, "all geometry fits in memory".into()),
+/// Geometry may have come otherwise than its headers said, where those leave it open: the schedule is chosen again.
+fn hold_to_what_came(plan: &mut RenderPlan, settings: &RenderSettings, geometry: &SceneGeometry) {
+    if geometry.pages.is_some() == plan.pages {
+        return;
     }
+    let store = match &geometry.pages {
+        Some(pages) => Store::Pages { bytes: pages.all_bytes(), room: pages.budget() },
+        None => Store::Resident,
+    };
+    plan.pages = geometry.pages.is_some();
+    (plan.schedule, plan.stats.because) = choose(settings, store);
+    if settings.memory.is_some() && settings.schedule == Schedule::Auto && plan.schedule != Schedule::Depth {
+        // Nothing was set aside for rays.
+        plan.schedule = Schedule::Depth;
+        plan.stats.because =
+            "geometry is larger than its headers said, and no memory was left for rays that wait".into();
+    }
+    plan.stats.schedule = plan.schedule.name().to_owned();
+    plan.stats.memory.geometry_store = if plan.pages { "pages" } else { "resident" }.to_owned();
 }
 
 /// The sensor's white balance, on the finished image: it is linear.

@@ -6,6 +6,7 @@
 
 use super::Control;
 use super::load::load;
+use super::plan::Planned;
 use crate::accel::{Accel, Builder, NONE};
 use crate::error::{Error, Result};
 use crate::geometry::{self, Needs, SceneGeometry, Surfaces};
@@ -31,10 +32,7 @@ pub(crate) struct Stage {
 
 /// Threads that load, build and trace, and how many.
 pub(crate) fn pool(settings: &RenderSettings) -> Result<(rayon::ThreadPool, usize)> {
-    let threads = settings
-        .threads
-        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get))
-        .max(1);
+    let threads = threads_of(settings);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
@@ -42,15 +40,22 @@ pub(crate) fn pool(settings: &RenderSettings) -> Result<(rayon::ThreadPool, usiz
     Ok((pool, threads))
 }
 
+/// Threads that compute.
+pub(crate) fn threads_of(settings: &RenderSettings) -> usize {
+    let all = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    settings.threads.unwrap_or_else(all).max(1)
+}
+
 impl Stage {
-    /// Loads what `scene` names, on the current pool; the images of lights go to [`Lights::new`].
+    /// Loads what `scene` names, as it was planned, on the current pool; the images of lights go to [`Lights::new`].
     pub(crate) fn load(
         scene: &SceneDescription,
         settings: &RenderSettings,
+        planned: Planned,
         threads: usize,
         control: &Control<'_>,
     ) -> Result<(Self, Vec<EnvironmentMap>)> {
-        let (geometry, textures, environments) = load(scene, settings, threads, control)?;
+        let (geometry, textures, environments) = load(scene, settings, planned, threads, control)?;
         let tables = MaterialTables::new(scene, &textures);
         Ok((Self { geometry, textures, tables }, environments))
     }

@@ -104,13 +104,18 @@ impl Hands {
 
 const RAY_BYTES: usize = Queues::<Flight, Probe>::RAY_BYTES;
 
-/// Holds a memory for rays against the least that works: a film tile's paths, and what threads have in their hands.
+/// Least memory for rays that works: a film tile's paths, and what threads have in their hands.
+pub(super) fn least_ray_memory(threads: usize) -> u64 {
+    let hands = Hands::new(0, workers(threads), TAKEN.0).bytes;
+    (UNIT_BYTES + hands) as u64 * 4 / 3
+}
+
+/// Holds a memory for rays against [`least_ray_memory`].
 ///
 /// # Errors
 /// [`Error::Usage`] when it is too small.
 pub(super) fn check_ray_memory(bytes: u64, threads: usize) -> Result<()> {
-    let hands = Hands::new(0, workers(threads), TAKEN.0).bytes;
-    let least = (UNIT_BYTES + hands) as u64 * 4 / 3;
+    let least = least_ray_memory(threads);
     if bytes < least {
         return Err(Error::Usage(format!(
             "a ray memory of {bytes} bytes is too small: --ray-memory {least} would do, for the paths of one film tile \
@@ -156,12 +161,14 @@ impl<A: Accel + ?Sized> Film for Part<'_, '_, A> {
 }
 
 impl<A: Accel + ?Sized> Job<'_, A> {
-    /// Renders with rays that wait in at most `ray_memory` bytes.
+    /// Renders with rays that wait in at most `ray_memory` bytes; tables beside them that take more than
+    /// `table_room` take it from there.
     pub(super) fn run_in_queues(
         &self,
         threads: usize,
         waiting: &Waiting<'_>,
         ray_memory: u64,
+        table_room: u64,
     ) -> (Counters, SchedulerStats) {
         (self.control.progress)(Progress::Phase("rendering"));
         let mut counters = Counters::default();
@@ -182,7 +189,16 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         };
         let mut ledger = Ledger::new(&grid, residency);
         let order = Order::new(self.world.accel.bounds());
+        let passes = u64::from(self.spp.div_ceil(PASS));
+        let total = u64::from(self.buffer.tile_count()) * passes;
+        // Many times as many as memory holds, so that the end of a part, where few rays are left, costs little.
+        let in_part = |bytes: usize| (bytes / UNIT_BYTES * 64).min(MOST_UNITS as usize) as u64;
         let bytes = usize::try_from(ray_memory).unwrap_or(usize::MAX);
+        stats.index_bytes = (grid.bytes() + Queues::<Flight, Probe>::bytes_of(grid.len())) as u64
+            + in_part(bytes).min(total) * Units::PLACE_BYTES as u64
+            + residency.map_or(0, Residency::index_bytes);
+        let bytes = bytes.saturating_sub(stats.index_bytes.saturating_sub(table_room) as usize);
+        let in_part = in_part(bytes);
         let Hands { gathered, taken, bytes: hands } = Hands::new(bytes, workers(threads), taken);
         // Where all come past one queue nobody gains by sharing.
         let shares = if residency.is_some() { SHARES } else { 1 };
@@ -190,11 +206,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let meter = Meter::new(bytes.saturating_sub(hands));
         let limits =
             Limits { begun: UNIT_PIECES, begin: UNIT_BYTES.div_ceil(PIECE_BYTES), taken, shares, voxels };
-        let passes = u64::from(self.spp.div_ceil(PASS));
-        let total = u64::from(self.buffer.tile_count()) * passes;
         let mut first = 0;
-        // Many times as many as memory holds, so that the end of a part, where few rays are left, costs little.
-        let in_part = (bytes / UNIT_BYTES * 64).min(MOST_UNITS as usize) as u64;
         while first < total && !self.should_stop() {
             let count = (total - first).min(in_part) as u32;
             let units = Units::new(count, &meter);
@@ -215,9 +227,6 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             stats.batches += 1;
         }
         stats.ray_memory_peak = (meter.bytes() + hands) as u64;
-        stats.index_bytes = (grid.bytes() + Queues::<Flight, Probe>::bytes_of(grid.len())) as u64
-            + in_part.min(total) * Units::PLACE_BYTES as u64
-            + residency.map_or(0, Residency::index_bytes);
         ledger.report(&mut stats);
         (counters, stats)
     }

@@ -41,7 +41,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         geometry_memory: _,
         texture_latency_s: _,
     } = settings;
-    let PlanStats { bytes: _ } = plan;
+    let PlanStats { effects: _, schedule: _, because: _, backend: _, bytes: _, memory: _ } = plan;
     let TimeStats {
         parse_s,
         prepare_s,
@@ -55,7 +55,16 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
     let ImageStats { width: _, height: _, spp, samples, non_finite_samples, pixels_without_samples: _ } =
         *image;
     let RayStats { closest, occluded, per_second } = *rays;
-    let MemoryStats { budget: _, peak_accounted: _, peak_rss, unaccounted: _, timeline: _ } = memory;
+    let MemoryStats {
+        budget: _,
+        peak_accounted: _,
+        accounted: _,
+        all_geometry: _,
+        all_textures: _,
+        peak_rss,
+        unaccounted: _,
+        timeline: _,
+    } = memory;
 
     let mut list = Vec::new();
     let mut text = |name: &str, value: &str| {

@@ -10,4 +10,4 @@ mod text;
 
 pub use attributes::attributes;
 pub use html::html_page;
-pub use text::{bytes, count, seconds, write_text};
+pub use text::{bytes, count, seconds, write_division, write_text};

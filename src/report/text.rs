@@ -1,7 +1,7 @@
 //! The report as text, and how numbers are written for people.
 
 use super::cache::write_cache;
-use crate::stats::{RenderStats, SchedulerStats};
+use crate::stats::{PlanMemory, RenderStats, SchedulerStats};
 use std::io::{self, Write};
 
 /// Seconds, three digits: `0.312 s`, `12.3 s`, `2 min 03 s`, `1 h 05 min`.
@@ -142,11 +142,38 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         bytes(plan.bytes.geometry),
         bytes(plan.bytes.textures)
     )?;
+    writeln!(
+        out,
+        "found     geometry {}, textures {}",
+        bytes(memory.all_geometry),
+        bytes(memory.all_textures)
+    )?;
+    if memory.budget.is_some() {
+        write_division(&plan.memory, "          ", out)?;
+    }
     let words = [("textures", "tile"), ("geometry", "page")];
     for (cache, words) in [texture_cache, geometry_cache].into_iter().zip(words) {
         cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, words, out))?;
     }
     write_scheduler(scheduler, out)
+}
+
+/// Writes what each part of a render may take, a line each, after `indent`.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_division(plan: &PlanMemory, indent: &str, out: &mut impl Write) -> io::Result<()> {
+    let PlanMemory { budget, geometry, geometry_store, textures, texture_store, rays, tables, because } =
+        plan;
+    let bound = |size: &Option<u64>| size.map_or("no bound".to_owned(), bytes);
+    writeln!(out, "{indent}memory       {}: {because}", bound(budget))?;
+    writeln!(out, "{indent}geometry     {} ({geometry_store})", bound(geometry))?;
+    writeln!(out, "{indent}textures     {} ({texture_store})", bytes(*textures))?;
+    writeln!(out, "{indent}rays         {}", if *rays > 0 { bytes(*rays) } else { "none wait".to_owned() })?;
+    if *tables > 0 {
+        writeln!(out, "{indent}tables       {}", bytes(*tables))?;
+    }
+    Ok(())
 }
 
 fn write_scheduler(stats: &SchedulerStats, out: &mut impl Write) -> io::Result<()> {

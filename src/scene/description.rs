@@ -201,6 +201,11 @@ pub struct Roughness {
     pub remap: bool,
 }
 
+impl Roughness {
+    /// Below this α in both directions the surface is treated as a perfect mirror (pbrt-v4).
+    pub const SMOOTH_BELOW: f32 = 1e-3;
+}
+
 /// pbrt-v4's materials with its parameters; ids refer to textures.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Material {

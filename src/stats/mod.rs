@@ -5,6 +5,7 @@
 mod cache;
 mod key_hasher;
 mod miss_ratio;
+mod plan;
 mod process;
 mod references;
 mod scheduler;
@@ -13,6 +14,7 @@ mod timeline;
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
 pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
+pub use plan::{EffectStats, PlanBytes, PlanMemory, PlanStats};
 pub use process::{available_memory_bytes, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
 pub use references::{References, SAMPLES};
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
@@ -123,24 +125,6 @@ pub struct EffectiveSettings {
     pub texture_latency_s: f64,
 }
 
-/// What the scene calls for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct PlanStats {
-    /// Bytes were everything resident.
-    pub bytes: PlanBytes,
-}
-
-/// Bytes were everything resident.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct PlanBytes {
-    /// Vertices, attributes and acceleration structures.
-    pub geometry: u64,
-    /// Textures, all levels, decoded.
-    pub textures: u64,
-}
-
 /// Seconds of wall time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -201,12 +185,48 @@ pub struct MemoryStats {
     pub budget: Option<u64>,
     /// Most that our own accounting saw at once.
     pub peak_accounted: u64,
+    /// What that is made of.
+    pub accounted: AccountedBytes,
+    /// Vertices, attributes and acceleration structures, were all of them resident: as they were found, where
+    /// `plan.bytes` says what was expected.
+    pub all_geometry: u64,
+    /// Textures, all levels, likewise.
+    pub all_textures: u64,
     /// Most that the process held, by the operating system; `None` when it does not say.
     pub peak_rss: Option<u64>,
     /// `peak_rss` less `peak_accounted`: code, stacks, what nobody counted.
     pub unaccounted: Option<i64>,
     /// Memory over time; empty where nobody watched.
     pub timeline: Vec<MemorySample>,
+}
+
+/// The most that each part took, which may have been at different times.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct AccountedBytes {
+    /// Geometry that stays, its acceleration structures, and pages.
+    pub geometry: u64,
+    /// Textures: images in memory and tiles.
+    pub textures: u64,
+    /// Rays that wait, and what threads have in hand of them.
+    pub rays: u64,
+    /// The film's sums, and the finished image.
+    pub film: u64,
+    /// Images of lights at infinity, and what chooses among lights.
+    pub lights: u64,
+    /// The scene's own tables, with the meshes that stand in its file.
+    pub description: u64,
+    /// Tables of what waits and of what comes and goes.
+    pub tables: u64,
+}
+
+impl AccountedBytes {
+    /// All of it.
+    #[must_use]
+    pub fn sum(&self) -> u64 {
+        let Self { geometry, textures, rays, film, lights, description, tables } = *self;
+        geometry + textures + rays + film + lights + description + tables
+    }
 }
 
 impl RenderStats {
@@ -302,6 +322,7 @@ mod tests {
         let json = serde_json::to_value(RenderStats::default()).expect("plain data");
         for (object, keys) in [
             ("", &["weir", "scene", "command", "settings", "plan", "time", "image", "rays", "memory"][..]),
+            ("plan", &["effects", "schedule", "bytes"]),
             ("plan/bytes", &["geometry", "textures"]),
             (
                 "time",

@@ -5,6 +5,7 @@
 use super::{Footprint, Sampler, TextureStore, random_bits};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
+use crate::prepare::{KnownTexture, known_textures, mix};
 use crate::scene::{Mapping, Texture, TextureFilter, TextureId};
 use glam::{DVec3, Vec2, Vec3};
 use std::f32::consts::PI;
@@ -41,21 +42,10 @@ impl TextureCoordinates {
     }
 }
 
-/// What is known of a texture before it is evaluated.
-#[derive(Clone, Copy, Default)]
-struct Known {
-    /// The value if it is the same everywhere.
-    constant: Option<Rgb>,
-    /// Whether anything below it filters over a footprint.
-    wants_footprint: bool,
-    /// Nodes that an evaluation visits.
-    nodes: u64,
-}
-
 /// The textures of a scene with the images they read.
 pub struct Textures {
     nodes: Vec<Texture>,
-    known: Vec<Known>,
+    known: Vec<KnownTexture>,
     store: TextureStore,
 }
 
@@ -73,18 +63,13 @@ impl Textures {
                 }
             }
         }
-        let mut known: Vec<Known> = Vec::with_capacity(nodes.len());
-        for node in &nodes {
-            let k = know(node, |t| known.get(t.index()).copied().unwrap_or_default());
-            if k.nodes > Texture::MAX_NODES {
-                return Err(Error::Usage(format!(
-                    "texture {} of the scene is made of {} others; {} at most",
-                    known.len(),
-                    k.nodes,
-                    Texture::MAX_NODES
-                )));
-            }
-            known.push(k);
+        let known = known_textures(&nodes);
+        if let Some((i, known)) = known.iter().enumerate().find(|(_, k)| k.nodes > Texture::MAX_NODES) {
+            return Err(Error::Usage(format!(
+                "texture {i} of the scene is made of {} others; {} at most",
+                known.nodes,
+                Texture::MAX_NODES
+            )));
         }
         Ok(Self { nodes, known, store })
     }
@@ -184,41 +169,6 @@ impl Textures {
             mix(self.eval(a, at), self.eval(b, at), amount)
         }
     }
-}
-
-/// What follows for a node from its parts, which stand before it in the table.
-fn know(node: &Texture, part: impl Fn(TextureId) -> Known) -> Known {
-    let join = |parts: &[Known], own: bool, constant: Option<Rgb>| Known {
-        constant,
-        wants_footprint: own || parts.iter().any(|p| p.wants_footprint),
-        nodes: parts.iter().fold(1, |n, p| n.saturating_add(p.nodes)),
-    };
-    match node {
-        Texture::Constant(c) => join(&[], false, Some(*c)),
-        Texture::Bilerp { .. } => join(&[], false, None),
-        Texture::Image { .. } => join(&[], true, None),
-        Texture::Scale { texture, scale } => {
-            let (a, b) = (part(*texture), part(*scale));
-            join(&[a, b], false, a.constant.zip(b.constant).map(|(a, b)| a * b))
-        }
-        Texture::Mix { a, b, amount } => {
-            let parts = [part(*a), part(*b), part(*amount)];
-            let constant = match parts.map(|p| p.constant) {
-                [Some(a), Some(b), Some(t)] => Some(mix(a, b, t)),
-                _ => None,
-            };
-            join(&parts, false, constant)
-        }
-        Texture::DirectionMix { a, b, .. } | Texture::Checkerboard3d { a, b, .. } => {
-            join(&[part(*a), part(*b)], false, None)
-        }
-        // The checkerboard itself is filtered over the footprint.
-        Texture::Checkerboard { a, b, .. } => join(&[part(*a), part(*b)], true, None),
-    }
-}
-
-fn mix(a: Rgb, b: Rgb, amount: Rgb) -> Rgb {
-    a * (Rgb::ONE - amount) + b * amount
 }
 
 /// Texture coordinates, and the footprint's axes in them if `filtered`.

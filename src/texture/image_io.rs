@@ -112,7 +112,12 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    fn bytes(&self, mip_levels: bool) -> u64 {
+    /// Bytes of a texel.
+    pub(super) fn texel_bytes(&self) -> u64 {
+        if self.grey { self.number } else { 4 * self.number }
+    }
+
+    pub(super) fn bytes(&self, mip_levels: bool) -> u64 {
         if self.width.min(self.height) == 0 {
             return 0;
         }
@@ -121,8 +126,7 @@ impl Kept {
             sizes.truncate(1);
         }
         // Grey texels stand in blocks of 8×8 or less, others in 4×4.
-        let (block_log2, numbers) = if self.grey { (3, 1) } else { (2, 4) };
-        Memory::taken(&sizes, block_log2, numbers * self.number)
+        Memory::taken(&sizes, if self.grey { 3 } else { 2 }, self.texel_bytes())
     }
 }
 
@@ -131,7 +135,16 @@ impl Kept {
 ///
 /// # Errors
 /// As [`read_image`], for what the header shows.
+#[cfg(test)]
 pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
+    Ok(kept(path)?.map_or(0, |kept| kept.bytes(mip_levels)))
+}
+
+/// What the image's texels are at most, from its header alone; `None` where that is not readable.
+///
+/// # Errors
+/// As [`read_image`], for what the header shows.
+pub(super) fn kept(path: &Path) -> Result<Option<Kept>> {
     let io = |e| Error::io(path, e);
     let mut file = open_regular(path)?;
     let mut magic = Vec::with_capacity(4);
@@ -165,7 +178,7 @@ pub(super) fn decoded_bytes(path: &Path, mip_levels: bool) -> Result<u64> {
             Ok(Some(Kept { width, height, grey: color.channel_count() == 1, number }))
         }
     });
-    Ok(kept.unwrap_or(Ok(None))?.map_or(0, |kept| kept.bytes(mip_levels)))
+    kept.unwrap_or(Ok(None))
 }
 
 /// `image` refuses halves and grey floats, which [`read_image`] knows.

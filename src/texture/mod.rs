@@ -25,7 +25,7 @@ pub use attached::Attached;
 pub use eval::{TextureCoordinates, Textures};
 pub use filter::{Footprint, Sampler, random_bits};
 pub use image_io::{ImageData, MAX_DECODED_BYTES, MAX_SIDE, Pixels, read_image};
-pub use store::{TextureOptions, TextureStore};
+pub use store::{Survey, TextureOptions, TextureStore, image_size};
 pub(crate) use tiled::RawFile;
 pub use tiled::{
     Caching, Component, DEFAULT_OPEN_FILES, FilePool, TileLevel, TileScratch, TiledFile, open_file_limit,

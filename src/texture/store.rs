@@ -11,6 +11,11 @@
 
 mod copies;
 mod find;
+mod options;
+mod survey;
+
+pub use options::TextureOptions;
+pub use survey::{Survey, image_size};
 
 use super::attached::{self, Attached};
 use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
@@ -20,7 +25,6 @@ use super::image_io::{ImageData, Pixels, read_image};
 use super::pyramid;
 use super::rules::{Build, Facts, Kind, Rules, Sample};
 use super::texels::{Grey8, GreyFloat, GreyHalf, Level, Memory, Resident, Rgba8, RgbaFloat, RgbaHalf, Texel};
-use super::tiled::{Caching, FilePool, open_file_limit};
 use super::tiles::{FileTiles, Probe, TiledImage};
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -31,8 +35,6 @@ use find::Found;
 use glam::Vec4;
 use rayon::prelude::*;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Duration;
 
 struct Stored {
     kind: Kind,
@@ -76,33 +78,6 @@ enum Image {
     Tiled(TiledImage),
 }
 
-/// How much memory textures may take, and what stands in for the rest.
-#[derive(Clone, Debug)]
-pub struct TextureOptions {
-    /// Bytes of all texels in memory. Environment maps are read elsewhere and do not count.
-    pub budget: u64,
-    /// Threads that look up at the same time, at most.
-    pub threads: usize,
-    /// Where tiled copies of plain images are kept.
-    pub cache_dir: Option<PathBuf>,
-    /// A read takes at least so long: slow storage, simulated.
-    pub latency: Duration,
-    /// What becomes of the bytes that are read, in the operating system's memory.
-    pub caching: Caching,
-}
-
-impl Default for TextureOptions {
-    fn default() -> Self {
-        Self {
-            budget: u64::MAX,
-            threads: 1,
-            cache_dir: None,
-            latency: Duration::ZERO,
-            caching: Caching::Borrow,
-        }
-    }
-}
-
 /// All images of a scene.
 pub struct TextureStore {
     images: Vec<Option<Image>>,
@@ -132,12 +107,21 @@ impl TextureStore {
         options: &TextureOptions,
         watch: Watch<'_>,
     ) -> Result<Self> {
-        assert_eq!(sources.len(), needs.len(), "one need per image");
-        let files = Arc::new(FilePool::new(open_file_limit(), options.caching));
-        let found: Vec<Result<(Found, Option<String>)>> =
-            sources.par_iter().zip(needs).map(|(source, need)| find::find(source, *need, &files)).collect();
-        let (found, said): (Vec<Found>, Vec<Option<String>>) =
-            found.into_iter().collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        Self::load_found(Survey::new(sources, needs, options.caching)?, sources, needs, options, watch)
+    }
+
+    /// [`Self::load`] of images that have been looked at: `survey` is of the same tables.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_found(
+        survey: Survey,
+        sources: &[ImageSource],
+        needs: &[ImageNeeds],
+        options: &TextureOptions,
+        watch: Watch<'_>,
+    ) -> Result<Self> {
+        let Survey { found, said, files } = survey;
         let whole = find::whole_bytes(&found);
         // Files that are tiled already need room beside them.
         let tile = |f: &Found| if let Found::Tiled { file, .. } = f { Some(file.tile_bytes()) } else { None };

@@ -60,10 +60,14 @@ pub(super) struct TiledImage {
 }
 
 impl TiledImage {
-    /// The image of `file`, which is number `index` in the cache. `encoding` is that of 8-bit
-    /// numbers unless the file names its own. `opaque` files have an alpha that says nothing.
-    pub(super) fn new(index: u32, file: &TiledFile, encoding: Encoding, opaque: bool) -> Self {
-        let kind = match (file.component(), file.channels()) {
+    /// Bytes of all texels of `file`.
+    pub(super) fn bytes_of(file: &TiledFile) -> u64 {
+        let texels: u64 = file.levels().iter().map(|l| u64::from(l.width) * u64::from(l.height)).sum();
+        texels * with_texel!(Self::kind_of(file), T => size_of::<T>() as u64)
+    }
+
+    fn kind_of(file: &TiledFile) -> Kind {
+        match (file.component(), file.channels()) {
             (Component::U8, 1) => Kind::Grey8,
             (Component::U8, 3) => Kind::Rgb8,
             (Component::U8, _) => Kind::Rgba8,
@@ -73,10 +77,15 @@ impl TiledImage {
             (Component::F32, 1) => Kind::GreyFloat,
             (Component::F32, 3) => Kind::RgbFloat,
             (Component::F32, _) => Kind::RgbaFloat,
-        };
+        }
+    }
+
+    /// The image of `file`, which is number `index` in the cache. `encoding` is that of 8-bit
+    /// numbers unless the file names its own. `opaque` files have an alpha that says nothing.
+    pub(super) fn new(index: u32, file: &TiledFile, encoding: Encoding, opaque: bool) -> Self {
         Self {
             file: index,
-            kind,
+            kind: Self::kind_of(file),
             tile_log2: file.tile_log2(),
             levels: file.levels().into(),
             table: encoding::table8(file.encoding().unwrap_or(encoding)),

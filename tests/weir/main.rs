@@ -32,6 +32,9 @@ mod hard;
 mod order;
 mod page;
 mod pages;
+mod plan;
+#[cfg(unix)]
+mod plan_memory;
 mod report_page;
 mod texture_files;
 mod textures;

@@ -278,7 +278,7 @@ impl PageCache {
             let drawn = (0..COMPARED).map(|_| {
                 // Knuth's multiplier; the high bits are the random ones.
                 *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                ((*random >> 32) * resident.len() as u64 >> 32) as usize
+                (((*random >> 32) * resident.len() as u64) >> 32) as usize
             });
             let at = drawn.max_by_key(|&at| age(at))?;
             let page = resident.swap_remove(at);

@@ -17,7 +17,8 @@ fn cost(page_bytes: usize) -> u64 {
 
 /// Least budget for pages of `page_bytes` and `threads` threads: two pages a thread, one that it looks at and one
 /// that it reads.
-pub(super) fn least_budget(page_bytes: usize, threads: usize) -> u64 {
+#[must_use]
+pub fn least_page_budget(page_bytes: usize, threads: usize) -> u64 {
     2 * threads.max(1) as u64 * cost(page_bytes)
 }
 

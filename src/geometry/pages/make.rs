@@ -7,13 +7,14 @@
 use super::collect::{Asked, Kept, collect};
 use super::cutter::{Cutter, Placed};
 use super::file::{self, PageFile, PagedMesh};
-use super::files::least_budget;
+use super::files::least_page_budget;
 use super::format::VERSION;
 use super::memory::CutMemory;
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
+use crate::prepare::LEAST_PAGED;
 use crate::replace::try_replace_entry;
 use crate::texture::cache_dir::{MakersLock, UNSETTLED};
 use crate::texture::convert::Failure;
@@ -28,8 +29,6 @@ use std::sync::Arc;
 use std::time::SystemTime;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Meshes with fewer triangles stay: pages of theirs would be mostly empty.
-const LEAST_PAGED: u64 = 1024;
 /// Bytes that meshes are cut in at least, whatever the budget.
 const LEAST_MEMORY: u64 = 32 << 20;
 
@@ -122,8 +121,7 @@ impl PageMaker {
     }
 
     /// The same with so many bytes to cut in.
-    #[cfg(test)]
-    pub(super) fn within(mut self, bytes: u64) -> Self {
+    pub(crate) fn within(mut self, bytes: u64) -> Self {
         self.memory = CutMemory::new(bytes);
         self
     }
@@ -245,7 +243,7 @@ impl PageMaker {
     /// Whether it can hold the fewest pages that do.
     fn check_budget(&self) -> Result<()> {
         let threads = self.pool.current_num_threads();
-        let least = least_budget(self.page_bytes, threads);
+        let least = least_page_budget(self.page_bytes, threads);
         if self.budget >= least {
             return Ok(());
         }

@@ -24,6 +24,7 @@ mod store;
 #[cfg(test)]
 mod tests;
 
+pub use files::least_page_budget;
 pub use store::{HeldPages, PageStore};
 
 pub use file::PagedMesh;

@@ -4,7 +4,7 @@
 
 use super::cache::PageCache;
 use super::file::PageFile;
-use super::files::{PageFiles, least_budget};
+use super::files::{PageFiles, least_page_budget};
 use super::format::read_triangle;
 use super::looks::Looks;
 use crate::accel::Pages;
@@ -84,7 +84,7 @@ impl PageStore {
     /// Least bytes that `threads` threads can work with.
     #[must_use]
     pub fn least(&self, threads: usize) -> u64 {
-        least_budget(self.files.page_bytes, threads)
+        least_page_budget(self.files.page_bytes, threads)
     }
 
     /// Gives it `budget` bytes; once, before any page is asked for.

@@ -8,6 +8,7 @@
 
 use crate::math::warp::sin_cos_turns;
 use crate::math::{INV_PI, Vec2, Vec3, safe_sqrt, sqr};
+use crate::scene::Roughness;
 
 /// A distribution of microfacet normals by its two widths.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,8 +17,6 @@ pub struct Ggx {
     alpha_y: f32,
 }
 
-/// Below this α in both directions the surface is treated as a perfect mirror (pbrt-v4).
-const SMOOTH_BELOW: f32 = 1e-3;
 /// A rough surface's smaller α is raised to this (pbrt-v4): below it single precision cannot
 /// resolve the lobe.
 const MIN_ALPHA: f32 = 1e-4;
@@ -27,7 +26,7 @@ impl Ggx {
     #[inline]
     #[must_use]
     pub fn new(alpha_x: f32, alpha_y: f32) -> Self {
-        if alpha_x.max(alpha_y) < SMOOTH_BELOW {
+        if alpha_x.max(alpha_y) < Roughness::SMOOTH_BELOW {
             return Self { alpha_x, alpha_y };
         }
         Self { alpha_x: alpha_x.max(MIN_ALPHA), alpha_y: alpha_y.max(MIN_ALPHA) }
@@ -37,7 +36,7 @@ impl Ggx {
     #[inline(always)]
     #[must_use]
     pub fn is_smooth(&self) -> bool {
-        self.alpha_x.max(self.alpha_y) < SMOOTH_BELOW
+        self.alpha_x.max(self.alpha_y) < Roughness::SMOOTH_BELOW
     }
 
     /// Density of normals D(m) for a unit `m` [1/sr]: 1 / (π αx αy (x²/αx² + y²/αy² + z²)²).

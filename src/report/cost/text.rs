@@ -9,7 +9,7 @@ use std::fmt::Write;
 pub fn per_cent(share: f64) -> String {
     let value = share * 100.0;
     match value {
-        v if v == 0.0 => "0 %".to_owned(),
+        0.0 => "0 %".to_owned(),
         v if v < 0.095 => format!("{v:.3} %"),
         v if v < 0.995 => format!("{v:.2} %"),
         v if v < 9.95 => format!("{v:.1} %"),

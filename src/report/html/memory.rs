@@ -3,7 +3,9 @@
 use super::parts::{absent, drawing, figure, number, numbers};
 use crate::report::bytes;
 use crate::report::chart::{Axis, Kind, Lines, Mark, Series, lines};
-use crate::stats::{MemorySample, RenderStats};
+use crate::report::escape::escape;
+use crate::stats::{AccountedBytes, MemorySample, RenderStats};
+use std::fmt::Write;
 
 /// Chart and peaks.
 pub(super) fn section(stats: &RenderStats) -> String {
@@ -17,13 +19,48 @@ pub(super) fn section(stats: &RenderStats) -> String {
     };
     format!(
         "<section><h2>Memory</h2>\n<p>Peak {}, of which {} are accounted for. Budget of all together: {}. Were everything in memory: \
-         geometry {}, textures {}.</p>\n{chart}</section>\n",
+         geometry {}, textures {}.</p>\n{}{chart}</section>\n",
         number("/memory/peak_rss", &memory.peak_rss, &known(memory.peak_rss, "unknown")),
         number("/memory/peak_accounted", &memory.peak_accounted, &bytes(memory.peak_accounted)),
         number("/memory/budget", &memory.budget, &known(memory.budget, "none")),
         number("/plan/bytes/geometry", &stats.plan.bytes.geometry, &bytes(stats.plan.bytes.geometry)),
         number("/plan/bytes/textures", &stats.plan.bytes.textures, &bytes(stats.plan.bytes.textures)),
+        division(stats),
     )
+}
+
+/// What each part took, and what it was allowed where there is a bound on all.
+fn division(stats: &RenderStats) -> String {
+    let AccountedBytes { geometry, textures, rays, film, lights, description, tables } =
+        stats.memory.accounted;
+    let taken = [
+        ("geometry", geometry),
+        ("textures", textures),
+        ("rays", rays),
+        ("film", film),
+        ("lights", lights),
+        ("description", description),
+        ("tables", tables),
+    ];
+    let part = |(name, size): &(&str, u64)| {
+        let key = format!("/memory/accounted/{name}");
+        format!("{name} {}", number(&key, size, &bytes(*size)))
+    };
+    let taken: Vec<String> = taken.iter().map(part).collect();
+    let mut out = format!("<p>Accounted, the most of each: {}.</p>\n", taken.join(", "));
+    let plan = &stats.plan.memory;
+    if plan.budget.is_some() {
+        let known = plan.geometry.map_or("no bound".to_owned(), bytes);
+        let allowed = [
+            ("geometry", number("/plan/memory/geometry", &plan.geometry, &known)),
+            ("textures", number("/plan/memory/textures", &plan.textures, &bytes(plan.textures))),
+            ("rays", number("/plan/memory/rays", &plan.rays, &bytes(plan.rays))),
+            ("tables", number("/plan/memory/tables", &plan.tables, &bytes(plan.tables))),
+        ];
+        let allowed: Vec<String> = allowed.iter().map(|(name, size)| format!("{name} {size}")).collect();
+        let _ = writeln!(out, "<p>Allowed: {}; {}.</p>", allowed.join(", "), escape(&plan.because));
+    }
+    out
 }
 
 fn timeline(stats: &RenderStats) -> String {

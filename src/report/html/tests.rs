@@ -43,6 +43,8 @@ fn full(name: &str) -> RenderStats {
         ..RenderStats::default()
     };
     stats.settings.backend = name.to_owned();
+    stats.plan.memory.budget = Some(4_000_000);
+    stats.plan.memory.because = name.to_owned();
     stats.time.render_s = 2.0;
     stats.time.total_s = 3.0;
     stats.image.non_finite_samples = 1;

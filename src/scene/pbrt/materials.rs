@@ -170,7 +170,7 @@ impl Reader {
         };
         if self.float_texture_opt(p, "displacement")?.is_some() {
             self.warnings
-                .add(p.place("displacement"), "displacement is not supported; the surface stays smooth");
+                .add(p.place("displacement"), "bump maps are not supported; the surface stays smooth");
         }
         if p.string("normalmap")?.is_some() {
             self.warnings

@@ -9,7 +9,10 @@
 mod body;
 mod header;
 mod stream;
+mod survey;
 mod vertices;
+
+pub use survey::{MeshFacts, survey};
 
 use crate::color::Rgb;
 use crate::error::{Error, Location, Result};

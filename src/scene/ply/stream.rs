@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Fits the second-level cache, so that each column's loop reads from there.
-const BUFFER_BYTES: usize = 256 << 10;
+pub(super) const BUFFER_BYTES: usize = 256 << 10;
 /// No number is longer; a longer token is not PLY.
 const MAX_TOKEN_BYTES: usize = 128;
 
@@ -31,6 +31,11 @@ pub(super) struct Stream {
 
 impl Stream {
     pub(super) fn open(path: &Path) -> Result<Self> {
+        Self::open_with(path, BUFFER_BYTES)
+    }
+
+    /// Through a buffer of so many bytes, which holds the longest token at least.
+    pub(super) fn open_with(path: &Path, buffer_bytes: usize) -> Result<Self> {
         let io = |e| Error::io(path, e);
         let Some(file) = open_regular(path).map_err(io)? else {
             return Err(Error::file(path, "not a regular file; a PLY file is needed"));
@@ -43,7 +48,7 @@ impl Stream {
             path: path.to_path_buf(),
             reader,
             total: (!zipped).then_some(bytes),
-            buffer: vec![0; BUFFER_BYTES],
+            buffer: vec![0; buffer_bytes.max(MAX_TOKEN_BYTES)],
             start: 0,
             end: 0,
             offset: 0,
@@ -72,7 +77,7 @@ impl Stream {
 
     /// Everything buffered, at least `n` bytes of it unless the file ends first.
     pub(super) fn fill(&mut self, n: usize) -> Result<&[u8]> {
-        debug_assert!(n <= BUFFER_BYTES);
+        debug_assert!(n <= self.buffer.len());
         if self.end - self.start < n {
             self.buffer.copy_within(self.start..self.end, 0);
             (self.start, self.end) = (0, self.end - self.start);
@@ -136,10 +141,10 @@ impl Stream {
                 self.line += 1;
                 return Ok(line);
             }
-            if have.len() < n || n == BUFFER_BYTES {
+            if have.len() < n || n == self.buffer.len() {
                 return Err(self.error("the header has no `end_header` line"));
             }
-            n = (n * 2).min(BUFFER_BYTES);
+            n = (n * 2).min(self.buffer.len());
         }
     }
 

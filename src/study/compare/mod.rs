@@ -33,6 +33,7 @@ use crate::accel::{Accel, Builder, Ray};
 use crate::error::{Error, Result};
 use crate::film::{FilterSampler, Image};
 use crate::integrator::lights::Lights;
+use crate::render::plan::Planned;
 use crate::render::stage::{Stage, effective_film, emitters_only, pool};
 use crate::render::{Control, Progress};
 use crate::scene::SceneDescription;
@@ -90,7 +91,10 @@ pub fn compare(
     let (pool, threads) = pool(settings)?;
     let film = effective_film(scene, settings)?;
     phase("loading")?;
-    let (stage, environments) = pool.install(|| Stage::load(scene, settings, threads, control))?;
+    let (stage, environments) = pool.install(|| {
+        let planned = Planned::new(scene, &film, settings, threads)?;
+        Stage::load(scene, settings, planned, threads, control)
+    })?;
     let lights = Lights::new(scene, &stage.geometry, &stage.textures, environments);
     let (world, objects, instances) = stage.geometry.for_backend();
     let shapes = Shapes { world, objects, instances, custom: &stage.geometry };

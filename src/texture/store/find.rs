@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::prepare::ImageNeeds;
 use crate::scene::{Encoding, ImageSource};
 use crate::texture::convert::fingerprint::encoding_name;
-use crate::texture::image_io::decoded_bytes;
+use crate::texture::image_io;
 use crate::texture::tiled::{FilePool, TiledFile};
 use crate::texture::tiles::TiledImage;
 use std::sync::Arc;
@@ -24,6 +24,8 @@ pub(super) enum Found {
     /// Decoded as a whole, this many bytes; `may_tile` unless something reads it as a whole anyway.
     Plain {
         bytes: u64,
+        /// Of one texel, at most.
+        texel_bytes: usize,
         may_tile: bool,
         /// How its integers are read: a tiled file says it whichever way it is read.
         encoding: Encoding,
@@ -82,8 +84,10 @@ pub(super) fn find(
         let opaque = file.is_opaque();
         return Ok((Found::Tiled { file: Box::new(file), opaque }, note));
     }
-    let bytes = decoded_bytes(&source.path, need.mip_levels).map_err(placed(source))?;
-    Ok((Found::Plain { bytes, may_tile: !need.whole, encoding }, note))
+    let kept = image_io::kept(&source.path).map_err(placed(source))?;
+    let bytes = kept.as_ref().map_or(0, |kept| kept.bytes(need.mip_levels));
+    let texel_bytes = kept.map_or(0, |kept| kept.texel_bytes() as usize);
+    Ok((Found::Plain { bytes, texel_bytes, may_tile: !need.whole, encoding }, note))
 }
 
 fn contradiction(source: &ImageSource, own: Encoding) -> String {

@@ -1,0 +1,221 @@
+//! What a scene takes in memory, by its description and the headers of its meshes.
+//!
+//! Invariant: counts are those of the description; bytes a primitive are measured, and say by which command.
+//! Never opens a file.
+
+use super::{all_shapes, is_visible};
+use crate::scene::ply::MeshFacts;
+use crate::scene::{Film, MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh};
+use crate::settings::Backend;
+
+/// Triangles from which on a mesh is cut into pages: those of smaller ones would be mostly empty.
+pub const LEAST_PAGED: u64 = 1024;
+
+/// What geometry takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GeometryBytes {
+    /// Vertices, attributes and acceleration structures, all of them resident.
+    pub whole: u64,
+    /// The same by the largest figures that were measured, for who must not promise too little.
+    pub whole_most: u64,
+    /// Beside that, while acceleration structures are built.
+    pub building: u64,
+    /// Likewise where large meshes come and go.
+    pub building_staying: u64,
+    /// What stays where large meshes come and go: the others, boxes of pages and what finds them.
+    pub staying: u64,
+    /// All pages.
+    pub pages: u64,
+    /// Triangles and other primitives.
+    pub primitives: u64,
+    /// Those that shine.
+    pub shining: u64,
+    /// The number of triangles of every mesh is known, not guessed.
+    pub exact: bool,
+}
+
+/// What an acceleration structure takes. From `weir compare SCENE --rounds 0 --json FILE` on `weir generate city`,
+/// `forest` and `terrain` of 300,000 and 2,000,000 triangles: native 52.1 to 58.2 bytes a primitive, of which 187 an instance
+/// in the forest; Embree 4.4 62.9 to 76.9, of which 405 an instance.
+struct Tree {
+    primitive: u64,
+    instance: u64,
+    /// A structure of its own, for an object.
+    object: u64,
+    /// What intersects itself.
+    custom: u64,
+}
+
+impl Tree {
+    fn of(backend: Backend) -> Self {
+        match backend {
+            Backend::Native => Self { primitive: 52, instance: 187, object: 256, custom: 92 },
+            Backend::Embree => Self { primitive: 66, instance: 405, object: 512, custom: 120 },
+        }
+    }
+
+    /// The most: small trees are emptier, and Embree rounds what it takes up to blocks.
+    fn most(backend: Backend) -> Self {
+        match backend {
+            Backend::Native => Self { primitive: 60, instance: 260, object: 1024, custom: 320 },
+            Backend::Embree => Self { primitive: 80, instance: 640, object: 8192, custom: 512 },
+        }
+    }
+}
+
+/// Embree's own, whatever it builds.
+const EMBREE_BASE: u64 = 1 << 20;
+/// Of a primitive beside its tree while that is built: 25 to 30 bytes, by `memory.peak_rss` less `peak_accounted` of `weir
+/// SCENE --spp 1 --size 64x36 --stats FILE` on the same scenes, less the 25 MB that any render takes.
+const BUILDING: u64 = 32;
+/// Of a triangle in a page, its vertices' attributes and padding apart: `weir SCENE --geometry-memory 40M` on the same.
+const PAGE_TRIANGLE: f64 = 68.0;
+/// Vertices on the border of two pages are in both.
+const SHARED_VERTICES: f64 = 1.2;
+/// Of a page: its head, and what the next leaf had no room in; 4.8 MB of pages of 4 KiB are 5.3 MB for it.
+const PAGE_UNUSED: u64 = 400;
+/// Of a page that is away: its box, and what finds it.
+const PAGE_STAYS: u64 = 24 + 32 + 64;
+/// Of a surface that is neither mesh nor patches.
+const QUADRIC: u64 = 320;
+
+/// What the geometry of `scene` takes with `backend`, in pages of `page_bytes`. `headers` are of its meshes.
+#[must_use]
+pub fn geometry_bytes(
+    scene: &SceneDescription,
+    headers: &[MeshFacts],
+    backend: Backend,
+    page_bytes: u64,
+) -> GeometryBytes {
+    let (tree, most) = (Tree::of(backend), Tree::most(backend));
+    let base = if backend == Backend::Embree { EMBREE_BASE } else { 4096 };
+    let mut all = GeometryBytes { exact: true, whole_most: base, ..GeometryBytes::default() };
+    let visible = |shape: &&Shape| is_visible(scene, shape);
+    for shape in all_shapes(scene).filter(visible) {
+        let mut pages = 0;
+        let (columns, primitives, custom) = match &shape.kind {
+            ShapeKind::Mesh(id) => {
+                let source = &scene.meshes[id.index()];
+                let facts = mesh_facts(source, headers.get(id.index()));
+                all.exact &= facts.exact;
+                if matches!(source, MeshSource::Ply(_)) && is_pageable(shape, facts.triangles) {
+                    pages = page_count(&facts, page_bytes);
+                }
+                // The last vertex has room behind it.
+                (12 + facts.vertices * facts.vertex_bytes + 12 * facts.triangles, facts.triangles, false)
+            }
+            ShapeKind::Patches(id) => {
+                let p = &scene.patch_meshes[id.index()];
+                let vertices = 12 * (p.positions.len() + p.normals.len()) + 8 * p.uvs.len();
+                ((vertices + 16 * p.indices.len()) as u64, p.indices.len() as u64, true)
+            }
+            _ => (QUADRIC, 1, true),
+        };
+        // What shines is in a tree of its own, too.
+        let trees = 1 + u64::from(shape.area_light.is_some());
+        let of = |t: &Tree| columns + trees * primitives * if custom { t.custom } else { t.primitive };
+        all.whole += of(&tree);
+        all.whole_most += of(&most);
+        all.building += trees * primitives * BUILDING;
+        all.primitives += primitives;
+        all.shining += if shape.area_light.is_some() { primitives } else { 0 };
+        if pages > 0 {
+            all.pages += pages * page_bytes;
+            all.staying += pages * PAGE_STAYS;
+        } else {
+            all.staying += of(&most);
+            all.building_staying += trees * primitives * BUILDING;
+        }
+    }
+    let (objects, instances) = (scene.objects.len() as u64, scene.instances.len() as u64);
+    all.whole += objects * tree.object + instances * tree.instance;
+    let placed = (objects + 1) * most.object + instances * most.instance;
+    all.whole_most += placed;
+    all.staying += placed;
+    all
+}
+
+fn is_pageable(shape: &Shape, triangles: u64) -> bool {
+    shape.area_light.is_none() && shape.alpha.is_none() && triangles >= LEAST_PAGED
+}
+
+fn page_count(facts: &MeshFacts, page_bytes: u64) -> u64 {
+    let attributes = facts.vertex_bytes.saturating_sub(12) * facts.vertices;
+    let bytes = facts.triangles as f64 * PAGE_TRIANGLE + attributes as f64 * SHARED_VERTICES;
+    (bytes / page_bytes.saturating_sub(PAGE_UNUSED).max(1) as f64).ceil() as u64
+}
+
+fn mesh_facts(source: &MeshSource, header: Option<&MeshFacts>) -> MeshFacts {
+    match source {
+        MeshSource::Ply(_) => header.copied().unwrap_or_default(),
+        MeshSource::Inline(mesh) => MeshFacts {
+            vertices: mesh.positions.len() as u64,
+            vertex_bytes: columns(mesh) / mesh.positions.len().max(1) as u64,
+            triangles: mesh.indices.len() as u64,
+            exact: true,
+        },
+        MeshSource::Loop { control, levels } => {
+            // Each level makes four triangles of one, and a vertex of each edge; a closed mesh has half as many
+            // vertices as triangles. Limit normals come with the points.
+            let before = control.indices.len() as u64;
+            let triangles = before.saturating_mul(4u64.saturating_pow(*levels));
+            let vertices = control.positions.len() as u64 + (triangles - before) / 2;
+            MeshFacts { vertices, vertex_bytes: 24, triangles, exact: true }
+        }
+    }
+}
+
+/// Bytes of the vertices.
+fn columns(mesh: &TriangleMesh) -> u64 {
+    let TriangleMesh { positions, normals, uvs, tangents, indices: _ } = mesh;
+    (12 * (positions.len() + normals.len() + tangents.len()) + 8 * uvs.len()) as u64
+}
+
+/// The film's sums, and the finished image: 16 and 12 bytes a pixel, and 40 for each tile of 8×8.
+#[must_use]
+pub fn film_bytes(film: &Film) -> u64 {
+    let [x0, y0, x1, y1] = film.crop;
+    let (w, h) = (u64::from(x1.saturating_sub(x0)), u64::from(y1.saturating_sub(y0)));
+    w * h * (16 + 12) + w.div_ceil(8) * h.div_ceil(8) * 40
+}
+
+/// Of a shape and of what is made of it beside its vertices: its surface in three tables, and its name.
+const SHAPE_TABLES: u64 = size_of::<Shape>() as u64 + 512;
+
+/// Of a light: itself, and its place in the tree of lights.
+const LIGHT: u64 = 320;
+
+/// What sampling lights takes: `environments` are the bytes of their images, `shining` the primitives that shine.
+#[must_use]
+pub fn light_bytes(scene: &SceneDescription, environments: u64, shining: u64) -> u64 {
+    environments + (shining + scene.lights.len() as u64) * LIGHT
+}
+
+/// The tables of the description, and what other rooms keep in proportion to them.
+#[must_use]
+pub fn description_bytes(scene: &SceneDescription) -> u64 {
+    let mut bytes = 64 << 10;
+    for mesh in &scene.meshes {
+        bytes += match mesh {
+            MeshSource::Inline(mesh) | MeshSource::Loop { control: mesh, .. } => {
+                columns(mesh) + 12 * mesh.indices.len() as u64
+            }
+            MeshSource::Ply(path) => path.as_os_str().len() as u64,
+        } + size_of::<MeshSource>() as u64;
+    }
+    for p in &scene.patch_meshes {
+        bytes += (12 * (p.positions.len() + p.normals.len()) + 8 * p.uvs.len() + 16 * p.indices.len()) as u64;
+    }
+    bytes += SHAPE_TABLES * all_shapes(scene).count() as u64;
+    let rest = [
+        scene.instances.len() * 3 * size_of::<crate::scene::Instance>(),
+        // Read, copied, and compiled.
+        scene.textures.len() * 3 * size_of::<crate::scene::Texture>(),
+        scene.materials.len() * 4 * size_of::<crate::scene::Material>(),
+        // A table of 256 numbers each.
+        scene.images.len() * (1024 + 512),
+        scene.lights.len() * 2 * size_of::<crate::scene::Light>(),
+        scene.media.len() * 2 * size_of::<crate::scene::Medium>(),
+    ];
+    bytes + rest.iter().sum::<usize>() as u64
+}
