@@ -125,6 +125,9 @@ pub struct RenderSettings {
     pub estimator: Estimator,
     /// Where random numbers come from.
     pub sampler: Sampler,
+    /// Texture footprints as for so many samples per pixel; `None` means as many as are taken. Here so that renders of
+    /// different counts can be compared.
+    pub footprint_spp: Option<u32>,
     /// Bytes of textures in memory; `None` means half of what is free.
     pub texture_memory: Option<u64>,
     /// Bytes of geometry in memory, its acceleration structures included; `None` means that all of it stays.

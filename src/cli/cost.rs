@@ -21,10 +21,12 @@ Examples:
   weir cost scene.pbrt --target 0.02 --size 640x360
   weir cost scene.pbrt --reference truth.exr
 
-Errors are root mean square relative errors against the reference, which is rendered unless it is given: the root of
-the relMSE that weir diff prints. Every setting is rendered some times with few samples, which tells noise from bias:
-noise goes with more samples, bias stays. Where there are more pixels than the budget is good for, fewer are rendered;
-seconds are told for all of them. Times are those of rendering, without loading.
+Errors are root mean square relative errors against the reference, which is rendered unless it
+is given: the root of the trimmed relMSE that weir diff prints, less what the reference's own
+noise adds. Every setting is rendered some times with few samples, which tells noise from bias:
+noise goes with more samples, bias stays. Where there are more pixels than the budget is good
+for, fewer are rendered; seconds are told for all of them. The scene's crop window is left
+aside. Times are processor seconds of rendering over threads, without loading.
 
 Exit codes: 0 done; 2 bad usage or bad input; 3 out of a resource; 130 interrupted.";
 

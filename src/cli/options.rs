@@ -160,6 +160,7 @@ impl SettingsOptions {
                 SamplerName::Sobol => Sampler::Sobol,
                 SamplerName::Independent => Sampler::Independent,
             },
+            footprint_spp: None,
             spp: self.spp,
             size: self.size,
             crop: self.crop,

@@ -5,6 +5,9 @@ use crate::permits;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Between two looks at whether the pass before has come, when it takes long.
+const PATIENCE: std::time::Duration = std::time::Duration::from_micros(50);
+
 /// Side of a tile in pixels.
 pub const TILE: u32 = 8;
 
@@ -81,6 +84,7 @@ impl FilmBuffer {
     /// order; whoever is early waits, which happens only where a pass ends. False when the pass before
     /// was abandoned: nothing is added then.
     pub fn add(&self, i: u32, pass: u32, sums: &[[f32; 4]]) -> bool {
+        let mut tries = 0;
         loop {
             {
                 let mut tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
@@ -98,7 +102,11 @@ impl FilmBuffer {
                 return false;
             }
             // Whoever comes before may want the permit.
-            permits::lend(std::thread::yield_now);
+            tries += 1;
+            permits::lend(|| match tries {
+                ..100 => std::thread::yield_now(),
+                _ => std::thread::sleep(PATIENCE),
+            });
         }
     }
 

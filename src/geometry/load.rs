@@ -45,6 +45,8 @@ pub struct Paging {
     pub cut_in: Option<u64>,
     /// All of it is expected to fit where it has so many triangles and other primitives at most; `None`: it is not.
     pub whole: Option<u64>,
+    /// Threads that look at pages at the same time, at most.
+    pub threads: usize,
     /// Bytes of a page.
     pub page_bytes: usize,
     /// Where page files are kept; `None`: the user's cache directory.
@@ -69,6 +71,7 @@ pub fn load(
         }
     }
     let mut maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
+    maker = maker.for_threads(paging.threads);
     if let Some(bytes) = paging.cut_in {
         maker = maker.within(bytes);
     }

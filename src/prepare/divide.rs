@@ -178,13 +178,19 @@ impl Parts<'_> {
         let left = left - more_rays;
         let textures = match texture_memory {
             Some(given) => given,
+            // What geometry comes to is not known: it gets the rest.
+            None if !self.geometry.exact => left.min(self.textures.max(least)),
             None if left >= self.textures + building => left,
             None => left.min(self.textures.saturating_sub(1)).max(least),
         };
         let all = textures >= self.textures;
         Ok(Division {
             backend: self.backend,
-            geometry: Some(geometry_memory.unwrap_or(geometry)),
+            geometry: Some(match geometry_memory {
+                Some(given) => given.min(self.memory - self.fixed),
+                None if self.geometry.exact => geometry,
+                None => geometry + (left - textures.min(left)),
+            }),
             pages: false,
             textures,
             rays: if waiting {
@@ -234,7 +240,11 @@ impl Parts<'_> {
         let share = |mine: u64, both: u64| {
             (u128::from(free) * u128::from(mine) / u128::from(both.max(1))).min(u128::from(mine)) as u64
         };
-        let (to_geometry, to_textures) = (share(g, g + t), share(t, g + t));
+        let (to_geometry, to_textures) = match self.geometry.exact {
+            true => (share(g, g + t), share(t, g + t)),
+            // Of what may come otherwise than is expected: each byte more is one for geometry.
+            false => (if geometry_memory.is_some() { 0 } else { free }, 0),
+        };
         Ok(Division {
             backend: self.backend,
             geometry: Some(least_geometry + to_geometry),

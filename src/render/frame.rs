@@ -10,7 +10,7 @@ use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::stream::{Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image};
 use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
@@ -75,6 +75,13 @@ pub fn with_frames<R>(
         // There are more triangles than were guessed, and Embree cannot let go of any.
         plan.backend = Backend::Native;
         plan.stats.backend = plan.backend.name().to_owned();
+    }
+    if geometry.pages.is_some() && plan.backend == Backend::Embree && settings.geometry_memory.is_none() {
+        return Err(Error::Usage(
+            "geometry is larger than its headers said and does not fit into --memory with Embree, which keeps all of it; \
+             --backend native would do, or a larger --memory"
+                .to_owned(),
+        ));
     }
     loaded.time.prepare_s = start.elapsed().as_secs_f64();
 

@@ -39,6 +39,7 @@ pub(super) fn load(
         budget,
         cut_in: plan.cut_in(),
         whole: (!plan.pages).then_some(plan.geometry.primitives),
+        threads: looking_up(&plan, threads),
         page_bytes: page_bytes(settings),
         cache_dir: settings.cache_dir.clone(),
     });
@@ -79,7 +80,8 @@ pub(super) fn open_pages(
     let Some(left) = budget.checked_sub(staying).filter(|&left| left >= least) else {
         let needed = staying + least;
         let (name, given, would_do) = match (settings.geometry_memory, settings.memory) {
-            (None, Some(all)) => ("--memory", all, all + (needed - budget)),
+            // An eighth of what is added goes to rays.
+            (None, Some(all)) => ("--memory", all, all + (needed - budget) * 8 / 7 + 1),
             _ => ("--geometry-memory", budget, needed),
         };
         let what = name.trim_start_matches("--").replace('-', " ");

@@ -100,7 +100,7 @@ impl Stage {
         settings: &RenderSettings,
         film_size: (u32, u32),
     ) {
-        let spp = settings.spp.unwrap_or(scene.spp).max(1);
+        let spp = settings.footprint_spp.or(settings.spp).unwrap_or(scene.spp).max(1);
         let roulette = settings.roulette.unwrap_or(true);
         world.estimator = settings.estimator;
         world.samples_lights = world.lights.can_be_sampled() && settings.estimator != Estimator::Scattering;

@@ -88,6 +88,28 @@ fn noise_has_the_slope_that_is_known_and_no_bias() {
     }
 }
 
+#[test]
+fn what_few_samples_blur_is_no_bias() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/textures.pbrt");
+    let scene = weir::scene::load(&path).unwrap_or_else(|e| panic!("{e}"));
+    let settings = RenderSettings { threads: Some(1), size: Some((96, 64)), ..RenderSettings::default() };
+    let options = Options { settings, budget_s: 6.0, target: 0.05, reference: None };
+    let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
+    let Found { study, .. } = study(&scene, &options, &control).unwrap_or_else(|e| panic!("{e}"));
+    for point in study.points.iter().filter(|p| p.knob == "samples") {
+        assert_eq!(point.bias, 0.0, "{point:?}");
+    }
+    assert!(study.points[0].at_target.is_some(), "{:?}", study.advice);
+}
+
+#[test]
+fn a_picture_without_noise_or_light_is_told_as_one() {
+    let dark = BOX.replace("AreaLightSource \"diffuse\" \"rgb L\" [ 1 1 1 ]\n", "");
+    let study = studied(&dark, Estimator::Both, 2.0);
+    assert_eq!(study.advice, ["Every render is the same: one sample per pixel does."]);
+    assert!(study.checks.is_empty() && study.points.iter().all(|p| p.knob != "together"));
+}
+
 fn weir(at: &Path, arguments: &[&str]) -> (i32, String, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_weir"));
     let output =

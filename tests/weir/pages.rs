@@ -10,7 +10,7 @@ use std::process::Command;
 use weir::error::Error;
 use weir::render::Outcome;
 use weir::scene::{self, SceneDescription};
-use weir::settings::{Backend, RenderSettings};
+use weir::settings::{Backend, RenderSettings, Schedule};
 use weir::stats::RenderStats;
 use weir::study::generate::{Kind, Recipe, TextureFormat, generate};
 
@@ -108,6 +108,29 @@ fn the_picture_is_the_same_at_every_budget_and_page_size() {
         let budget = least(&scene, &settings);
         let paged = render(&scene, &RenderSettings { geometry_memory: Some(budget), ..settings });
         assert!(paged.image.pixels == plain.image.pixels, "{page_bytes} bytes a page: another picture");
+    }
+}
+
+#[test]
+fn as_many_pages_are_looked_at_whatever_is_in_memory() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = make(Kind::City, 60_000, folder.path());
+    let settings = RenderSettings {
+        page_bytes: Some(4 << 10),
+        threads: Some(1),
+        schedule: Schedule::Depth,
+        ..settings(folder.path())
+    };
+    let least = least(&scene, &settings);
+    let counts = [least, least + (200 << 10), least + (800 << 10)].map(|budget| {
+        let settings = RenderSettings { geometry_memory: Some(budget), ..settings.clone() };
+        let stats = render(&scene, &settings).stats;
+        stats.geometry_cache.unwrap_or_else(|| panic!("{budget}: nothing was paged")).total.counts
+    });
+    assert!(counts[0].misses() > 2 * counts[2].misses(), "{counts:?}");
+    for c in counts {
+        assert_eq!(c.lookups, counts[0].lookups, "a look that is a miss counts once");
+        assert_eq!(c.lookups, c.micro_hits + c.hits + c.misses());
     }
 }
 

@@ -48,6 +48,8 @@ impl Looks {
     pub(super) fn refer(&mut self, page: u32, files: &PageFiles, references: &References) {
         let at = spread(page.into()) as usize % RECENT;
         let last = std::mem::replace(&mut self.recent[at], u64::from(page) << USES | 1);
+        // A page that has left since: the look that `again` has counted is the reference.
+        let last = if last != NOBODY && last >> USES == u64::from(page) { last - 1 } else { last };
         self.book_uses(last, files);
         self.requests += 1;
         if references.follow(page.into()) {

@@ -43,6 +43,8 @@ pub(crate) struct PageMaker {
     files: Arc<FilePool>,
     pool: ThreadPool,
     memory: CutMemory,
+    /// That will look at pages.
+    threads: usize,
 }
 
 /// What a page file is made of.
@@ -117,6 +119,7 @@ impl PageMaker {
             files: Arc::new(FilePool::new(open_file_limit(), Caching::Direct)),
             pool,
             memory: CutMemory::new((budget / 4).max(LEAST_MEMORY)),
+            threads: 1,
         })
     }
 
@@ -124,6 +127,11 @@ impl PageMaker {
     pub(crate) fn within(mut self, bytes: u64) -> Self {
         self.memory = CutMemory::new(bytes);
         self
+    }
+
+    /// The same for so many threads that will look at pages.
+    pub(crate) fn for_threads(self, threads: usize) -> Self {
+        Self { threads, ..self }
     }
 
     /// Most bytes that meshes have been cut in at once.
@@ -242,7 +250,7 @@ impl PageMaker {
 
     /// Whether it can hold the fewest pages that do.
     fn check_budget(&self) -> Result<()> {
-        let threads = self.pool.current_num_threads();
+        let threads = self.threads;
         let least = least_page_budget(self.page_bytes, threads);
         if self.budget >= least {
             return Ok(());

@@ -81,7 +81,7 @@ pub struct Point {
     pub spp: u32,
     /// Renders.
     pub renders: u32,
-    /// Seconds of rendering, each.
+    /// Processor seconds of rendering over threads, each.
     pub seconds: Spread,
     /// relMSE of each against the reference, less what the reference's own noise adds. Settings with equally many samples
     /// have renders of the same seeds, in this order.

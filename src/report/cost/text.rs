@@ -43,7 +43,7 @@ pub fn write_cost(study: &CostStudy) -> String {
     );
     let _ = writeln!(
         out,
-        "time to {} is for {}x{} pixels on {} threads, without the {} of loading; noise falls with samples^-{:.2}\n",
+        "times are processor seconds over threads; that to {} is for {}x{} pixels on {} threads, without {} of loading; noise falls with samples^-{:.2}\n",
         per_cent(study.target),
         study.full_size[0],
         study.full_size[1],
@@ -51,13 +51,15 @@ pub fn write_cost(study: &CostStudy) -> String {
         seconds(study.load_s),
         study.slope / 2.0
     );
+    // What is put together has a long name, which stands above.
+    let shown = |p: &Point| if p.knob == "together" { "as above".to_owned() } else { p.value.clone() };
     let _ = writeln!(
         out,
         "{:<12} {:<14} {:>5} {:>7} {:>9} {:>8} {:>8} {:>8} {:>8}  {:>10} {:>6}",
         "knob", "value", "spp", "renders", "time", "error", "noise", "bias", "light", "at target", "times"
     );
     for point in &study.points {
-        let Point { knob, value, spp, renders, .. } = point;
+        let (Point { knob, spp, renders, .. }, value) = (point, shown(point));
         let bias =
             if point.bias > 0.0 { per_cent(point.bias) } else { format!("<{}", per_cent(point.bias_bound)) };
         let _ = writeln!(

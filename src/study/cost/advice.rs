@@ -13,77 +13,94 @@ use crate::settings::RenderSettings;
 /// All knobs that help, together.
 pub(super) const JOINT: &str = "together";
 
+/// Standard deviations that are taken for chance: one in twenty of Student's distribution for four renders.
+const CHANCE: f64 = 3.2;
+
+/// A share of the light that is worth a word.
+const LIGHT: f64 = 0.005;
+
 /// Times that differ by less are alike: renders of the same setting do.
 const ALIKE: f64 = 0.08;
 
-/// The line through the logarithms of what was measured of settings at several sample counts: their noise at any.
-struct Ladder {
+/// The line through the logarithms of what was measured at several sample counts: noise at any. Beyond the last of them
+/// variance falls with the number of samples at least, as it must in the end, however slowly the errors that are
+/// left after the largest fall before.
+#[derive(Clone, Copy, Debug)]
+struct Line {
     /// Logarithm of the variance at one sample, and minus its slope.
     at_one: f64,
     slope: f64,
+    /// The last count.
+    last: f64,
 }
 
-impl Ladder {
-    fn new(points: &[Point], knob: &str) -> Self {
+impl Line {
+    /// Through the points of `knob`; `None` where none of them has noise.
+    fn new(points: &[Point], knob: &str) -> Option<Self> {
         let ladder: Vec<(f64, f64)> = points
             .iter()
             .filter(|p| p.knob == knob && p.noise > 0.0)
             .map(|p| (f64::from(p.spp).ln(), 2.0 * p.noise.ln()))
             .collect();
-        let n = ladder.len().max(1) as f64;
+        let last = ladder.iter().map(|p| p.0).reduce(f64::max)?.exp();
+        let n = ladder.len() as f64;
         let (x, y) = ladder.iter().fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
         let (over, under) =
             ladder.iter().fold((0.0, 0.0), |(o, u), p| (o + (p.0 - x) * (p.1 - y), u + (p.0 - x).powi(2)));
         // Noise that does not fall, or falls faster than any sampler lets it, is chance in few samples.
         let slope = if under > 0.0 { (-over / under).clamp(0.5, 3.0) } else { 1.0 };
-        Self { at_one: y + slope * x, slope }
+        Some(Self { at_one: y + slope * x, slope, last })
     }
 
     /// Square of the noise at `spp` samples.
     fn noise(&self, spp: f64) -> f64 {
-        (self.at_one - self.slope * spp.ln()).exp()
+        let within = spp.min(self.last);
+        let beyond = (spp / within).ln() * self.slope.max(1.0);
+        (self.at_one - self.slope * within.ln() - beyond).exp()
+    }
+
+    /// Samples until the square of the noise is `room`; one at least.
+    fn samples(&self, room: f64) -> f64 {
+        let over = self.noise(self.last) / room;
+        let slope = if over > 1.0 { self.slope.max(1.0) } else { self.slope };
+        (self.last * over.powf(1.0 / slope)).max(1.0)
+    }
+
+    /// Moved so that it goes through `noise` squared at `spp`.
+    fn through(self, spp: f64, noise: f64) -> Self {
+        Self { at_one: self.at_one + (noise / self.noise(spp)).ln(), ..self }
     }
 }
 
-/// With which power of the sample count the variance of the scene's own settings falls; 1 where there are not two counts.
+/// With which power of the sample count the variance of the scene's own settings falls; 1 where that is not known.
 pub(super) fn slope(points: &[Point]) -> f64 {
-    Ladder::new(points, SAMPLES).slope
+    Line::new(points, SAMPLES).map_or(1.0, |line| line.slope)
 }
 
-/// The power for one setting, where that was measured, else that of the scene's own; samples that know nothing of each
-/// other have 1 at most.
-fn slope_of(study: &CostStudy, point: &Point) -> f64 {
-    if point.knob == JOINT {
-        return Ladder::new(&study.points, JOINT).slope;
+/// The line of `point`'s setting: that of the scene's own settings, which many renders tell, times the ratio of both at
+/// one count in renders of the same seeds, or what was measured of it at several; `None` where it has no noise.
+fn line_of(study: &CostStudy, point: &Point, own: &Point) -> Option<Line> {
+    if point.knob == SAMPLES || point.knob == JOINT {
+        return Line::new(&study.points, &point.knob);
     }
-    if point.options.contains("--sampler independent") { study.slope.min(1.0) } else { study.slope }
+    if point.noise == 0.0 {
+        return None;
+    }
+    let (here, square) = (f64::from(point.spp), point.noise.powi(2));
+    let Some(line) = Line::new(&study.points, SAMPLES).filter(|_| own.noise > 0.0) else {
+        // Nothing is random in the scene's own settings.
+        return Some(Line { at_one: square.ln() + here.ln(), slope: 1.0, last: here });
+    };
+    let here_now = square / own.noise.powi(2) * line.noise(here);
+    // Samples that know nothing of each other have a slope of one at most.
+    let independent = point.options.contains("--sampler independent");
+    let slope = if independent { line.slope.min(1.0) } else { line.slope };
+    Some(Line { slope, ..line }.through(here, here_now))
 }
 
-/// Square of the noise of `point`'s setting at `spp` samples: that of the scene's own settings, which many renders
-/// tell, times the ratio of both at one count, in renders of the same seeds.
+/// Square of the noise of `point`'s setting at `spp` samples.
 fn noise_at(study: &CostStudy, point: &Point, own: &Point, spp: f64) -> f64 {
-    let ladder = Ladder::new(&study.points, SAMPLES);
-    // Where nothing is random there is no line either.
-    if own.noise == 0.0 {
-        return point.noise.powi(2) * (f64::from(point.spp) / spp).powf(slope_of(study, point));
-    }
-    if point.knob == SAMPLES {
-        return ladder.noise(spp);
-    }
-    if point.knob == JOINT && point.noise > 0.0 {
-        return Ladder::new(&study.points, JOINT).noise(spp);
-    }
-    let here = f64::from(point.spp);
-    let measured = (point.noise / own.noise).powi(2) * ladder.noise(here);
-    measured * (here / spp).powf(slope_of(study, point))
-}
-
-/// What it takes until the square of the noise is `room`.
-fn samples_for(study: &CostStudy, point: &Point, own: &Point, room: f64) -> f64 {
-    let here = f64::from(point.spp);
-    let spp = here * (noise_at(study, point, own, here) / room).powf(1.0 / slope_of(study, point));
-    // Fewer samples than one are not to be had.
-    spp.max(1.0)
+    line_of(study, point, own).map_or(0.0, |line| line.noise(spp))
 }
 
 /// Seconds of a sample of `point`'s setting, over what was rendered. Of the scene's own, where most were taken.
@@ -106,14 +123,17 @@ pub(super) fn predict(study: &mut CostStudy, plan: &Plan) {
         let bias = if point.knob == SAMPLES { own.bias } else { point.bias };
         let room = target - bias.powi(2);
         let at = (room > 0.0).then(|| {
-            let spp = samples_for(study, point, &own, room);
+            let spp = line_of(study, point, &own).map_or(1.0, |line| line.samples(room));
+            // Whole ones, and no more for rounding.
+            let spp = (spp * (1.0 - 1e-9)).ceil();
             AtTarget { spp, seconds: spp * seconds_of_sample(study, point, plan) * plan.scale }
         });
         let better = |q: &Point| {
             let (a, b) = ((q.seconds.mean, q.error), (point.seconds.mean, point.error));
             a.0 <= b.0 && a.1 <= b.1 && a != b
         };
-        found.push((at, deviation(point, &own, slope_of(study, point)), !study.points.iter().any(better)));
+        let slope = line_of(study, point, &own).map_or(1.0, |line| line.slope);
+        found.push((at, deviation(point, &own, slope), !study.points.iter().any(better)));
     }
     let of_own =
         study.points.iter().position(|p| p.knob == SAMPLES && p.spp == plan.spp).and_then(|i| found[i].0);
@@ -143,12 +163,13 @@ fn deviation(point: &Point, own: &Point, slope: f64) -> f64 {
 fn differs(point: &Point) -> f64 {
     let Some(times) = point.over_own else { return 0.0 };
     let logarithm = times.ln();
-    if logarithm.abs() > ALIKE.max(2.0 * point.over_own_deviation) { logarithm } else { 0.0 }
+    if logarithm.abs() > ALIKE.max(CHANCE * point.over_own_deviation) { logarithm } else { 0.0 }
 }
 
-/// By how much more (or, below zero, less) light the setting has than the scene's own; 0 where that may be chance.
+/// By how much more (or, below zero, less) light the setting has than the scene's own; 0 where that may be chance, and
+/// for what does not change what a long render comes to.
 fn more_light(point: &Point) -> f64 {
-    let Some(light) = point.light else { return 0.0 };
+    let Some(light) = point.light.filter(|_| changes_the_limit(&point.knob)) else { return 0.0 };
     let chance = 4.0 * light.deviation / f64::from(point.renders.max(1)).sqrt();
     if light.mean.abs() > chance.max(1e-5) { light.mean } else { 0.0 }
 }
@@ -159,15 +180,28 @@ fn own<'s>(study: &'s CostStudy, plan: &Plan) -> Option<&'s Point> {
 }
 
 /// The settings that take the least time, one of each knob, if they save any.
-pub(super) fn joint(study: &CostStudy, all: &[Variant], own: &RenderSettings) -> Option<Variant> {
+pub(super) fn joint(
+    study: &CostStudy,
+    all: &[Variant],
+    own: &RenderSettings,
+    scene_depth: u32,
+) -> Option<Variant> {
+    // Nothing to gain where one sample does.
+    if study.points.iter().all(|p| p.knob != SAMPLES || p.error == 0.0) {
+        return None;
+    }
     let mut chosen: Vec<(&Point, &Variant)> = Vec::new();
     for point in &study.points {
         let Some(variant) = all.iter().find(|v| v.knob == point.knob && v.value == point.value) else {
             continue;
         };
         let Some(times) = point.over_own.filter(|_| differs(point) < 0.0) else { continue };
+        // More cannot take less time; what says so is chance.
+        if point.knob == "depth" && variant.settings.max_depth > own.max_depth.or(Some(scene_depth)) {
+            continue;
+        }
         // Biases of several add up, and may be a little more than was told.
-        let light = more_light(point).abs() / 2.0;
+        let light = more_light(point).abs();
         if changes_the_limit(&point.knob) && point.bias.max(light) > study.target / 4.0 {
             continue;
         }
@@ -239,6 +273,9 @@ pub(super) fn sentences(study: &CostStudy, advised: usize, plan: &Plan) -> Vec<S
     let Some(own) = own(study, plan) else { return Vec::new() };
     let target = per_cent(study.target);
     let samples = |at: &AtTarget| format!("{} samples per pixel", at.spp.ceil());
+    if own.error == 0.0 {
+        return vec!["Every render is the same: one sample per pixel does.".to_owned()];
+    }
     let mut out = vec![match own.at_target {
         Some(at) => format!(
             "For {target} error this scene needs {} as it is set ({}).",
@@ -250,6 +287,22 @@ pub(super) fn sentences(study: &CostStudy, advised: usize, plan: &Plan) -> Vec<S
             per_cent(own.bias)
         ),
     }];
+    if study.reference.error.is_some_and(|error| error > study.target) {
+        out.push(format!(
+            "The reference itself has {} error: what follows is told by the way noise falls; a larger --budget tells more.",
+            study.reference.error.map_or(String::new(), per_cent)
+        ));
+    }
+    if let Some(check) =
+        study.checks.iter().find(|c| !(0.7..1.4).contains(&(c.measured / c.predicted.max(1e-9))))
+    {
+        out.push(format!(
+            "A check disagrees: {} at {} samples was predicted, {} was measured; take all of this as rough.",
+            per_cent(check.predicted),
+            check.spp,
+            per_cent(check.measured)
+        ));
+    }
     if point.knob == JOINT
         && let Some(at) = point.at_target
     {
@@ -264,7 +317,7 @@ pub(super) fn sentences(study: &CostStudy, advised: usize, plan: &Plan) -> Vec<S
     let turned = || study.points.iter().filter(|p| p.knob != SAMPLES && p.knob != JOINT);
     let name = |p: &Point| {
         let light = match more_light(p) {
-            0.0 => String::new(),
+            same if same.abs() <= LIGHT => String::new(),
             more if more > 0.0 => format!(" ({} more light)", per_cent(more)),
             less => format!(" ({} less light)", per_cent(-less)),
         };
@@ -275,8 +328,9 @@ pub(super) fn sentences(study: &CostStudy, advised: usize, plan: &Plan) -> Vec<S
         [one] => one.clone(),
         [some @ .., last] => format!("{} and {last}", some.join(", ")),
     };
+    let other = |p: &&Point| more_light(p).abs() > LIGHT;
     let free: Vec<String> =
-        turned().filter(|p| p.over_own.is_some() && differs(p) == 0.0).map(name).collect();
+        turned().filter(|p| p.over_own.is_some() && differs(p) == 0.0 && !other(p)).map(name).collect();
     if !free.is_empty() {
         out.push(format!("No difference that was told from chance: {}.", list(free)));
     }
@@ -285,6 +339,10 @@ pub(super) fn sentences(study: &CostStudy, advised: usize, plan: &Plan) -> Vec<S
     if !costly.is_empty() {
         let times = |p: &Point| format!("{} {:.1} times the seconds", name(p), p.over_own.unwrap_or(0.0));
         out.push(format!("It costs: {}.", list(costly.into_iter().map(times).collect())));
+    }
+    let changed: Vec<String> = turned().filter(other).map(name).collect();
+    if !changed.is_empty() {
+        out.push(format!("Another picture: {}.", list(changed)));
     }
     let never: Vec<String> = turned()
         .filter(|p| p.at_target.is_none())
@@ -343,7 +401,7 @@ mod tests {
         ]);
         assert!((study.slope - 1.5).abs() < 1e-9, "{}", study.slope);
         let at = study.points[1].at_target.expect("no bias");
-        let expected = 16.0 * ((first * first / 8.0) / 1e-4f64).powf(1.0 / 1.5);
+        let expected = (16.0 * ((first * first / 8.0) / 1e-4f64).powf(1.0 / 1.5)).ceil();
         assert!(
             (at.spp / expected - 1.0).abs() < 1e-9
                 && (at.seconds / (at.spp * 0.025 * 4.0) - 1.0).abs() < 1e-9

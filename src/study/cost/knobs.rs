@@ -32,9 +32,10 @@ pub(super) fn variants(scene: &SceneDescription, own: &RenderSettings) -> Vec<Va
         all.push(Variant { knob, value, options, settings, reloads });
     };
     let depth = own.max_depth.unwrap_or(scene.integrator.max_depth);
-    let mut depths: Vec<u32> =
-        [depth / 4, depth / 2, depth * 3 / 4, depth.saturating_mul(2), depth.saturating_mul(4)].to_vec();
+    let quarters = |n: u64| u32::try_from(u64::from(depth.max(1)) * n / 4).unwrap_or(u32::MAX);
+    let mut depths: Vec<u32> = [1, 2, 3, 8, 16].map(quarters).to_vec();
     depths.retain(|&d| d > 0 && d != depth);
+    depths.sort_unstable();
     depths.dedup();
     for d in depths {
         add("depth", d.to_string(), format!("--max-depth {d}"), false, &|s| s.max_depth = Some(d));

@@ -59,8 +59,27 @@ pub struct Found {
 /// As rendering; a reference that cannot be read or has another size; [`Error::Interrupted`].
 pub fn study(scene: &SceneDescription, options: &Options, control: &Control<'_>) -> Result<Found> {
     let start = Instant::now();
-    let film = effective_film(scene, &options.settings)?;
+    let whole = RenderSettings { crop: Some([0, 0, 1, 1]), ..options.settings.clone() };
+    let film = effective_film(scene, &whole)?;
     let given = options.reference.as_deref().map(read_image).transpose()?;
+    if let (Some(image), Some(path)) = (&given, &options.reference) {
+        let lost = image.non_finite_pixels();
+        if lost > 0 {
+            return Err(Error::file(
+                path,
+                format!("{lost} pixels are infinite or not a number; a reference has none"),
+            ));
+        }
+        if image.pixels.len() > MOST_GIVEN {
+            return Err(Error::file(
+                path,
+                format!(
+                    "{}x{} pixels, and {MOST_GIVEN} are the most; give a smaller one and --size",
+                    image.width, image.height
+                ),
+            ));
+        }
+    }
     if let (Some(image), Some(path)) = (&given, &options.reference)
         && (image.width, image.height) != film.size
     {
@@ -123,10 +142,22 @@ struct Bench<'a, 'c> {
     light: Vec<f64>,
 }
 
+/// Texture footprints shrink with the number of samples down to this one's: all renders have those of long ones, or what
+/// a few samples blur would pass for a bias.
+const FOOTPRINT_SPP: u32 = 64;
+
 /// Sample and seed of renders that only warm up, and seeds of others than the measured, which have 1, 2 and so on.
 const WARM: (u32, u64) = (1, 0);
 const REFERENCE: u64 = 1 << 32;
 const CHECK: u64 = 1 << 33;
+
+/// Seconds from which on processor time is told well enough: some ticks of a system's clock.
+const TOLD_S: f64 = 0.05;
+
+/// Most pixels of a reference that is given: each takes some hundred bytes.
+const MOST_GIVEN: usize = 1 << 22;
+/// Past so much of its time nothing new is begun.
+const LATE: f64 = 1.1;
 
 /// The scene's own settings, as a knob.
 const SAMPLES: &str = "samples";
@@ -150,6 +181,7 @@ impl Bench<'_, '_> {
         let settings = RenderSettings {
             spp: Some(spp),
             seed: Some(seed),
+            footprint_spp: Some(FOOTPRINT_SPP),
             size: Some(size),
             crop: Some([0, 0, size.0, size.1]),
             ..settings.clone()
@@ -159,7 +191,10 @@ impl Bench<'_, '_> {
             return Err(Error::Interrupted);
         }
         self.study.threads = outcome.stats.threads;
-        Ok((outcome.image, outcome.stats.time.render_s))
+        let (wall, busy) = (outcome.stats.time.render_s, outcome.stats.busy);
+        // What other programs take of the processors is no cost of this one. Of a few milliseconds the system does not
+        // tell who had them.
+        Ok((outcome.image, if wall < TOLD_S { wall } else { wall * busy }))
     }
 
     /// What needs one loading of the scene: how long a sample takes, the reference, the scene's own settings, and knobs
@@ -177,10 +212,16 @@ impl Bench<'_, '_> {
         // Twice: the first also reads textures and pages.
         self.render(frames, own, WARM, tried)?;
         let (_, seconds) = self.render(frames, own, WARM, tried)?;
-        let seconds =
-            seconds * (f64::from(full.0) * f64::from(full.1)) / (f64::from(tried.0) * f64::from(tried.1));
+        let depth = own.max_depth.unwrap_or(self.scene.integrator.max_depth);
+        let max_depth = depth.saturating_mul(4).max(32);
+        let right = RenderSettings { max_depth: Some(max_depth), sampler: Sampler::Sobol, ..own.clone() };
+        let of_reference =
+            if given.is_some() { seconds } else { self.render(frames, &right, WARM, tried)?.1 };
+        let pixels = |size: (u32, u32)| f64::from(size.0) * f64::from(size.1);
+        let whole = pixels(full) / pixels(tried);
         let left = (self.study.budget_s - self.start.elapsed().as_secs_f64()).max(1.0);
-        let plan = Plan::new(full, seconds, left, self.study.load_s, all, given.is_some());
+        let costs = (seconds * whole, of_reference * whole);
+        let plan = Plan::new(full, costs, left, self.study.load_s, all, given.is_some());
         self.study.size = plan.size.into();
 
         let reference_start = Instant::now();
@@ -191,15 +232,10 @@ impl Bench<'_, '_> {
             }
             None => {
                 self.phase("rendering the reference")?;
-                let depth = own.max_depth.unwrap_or(self.scene.integrator.max_depth);
-                let max_depth = depth.saturating_mul(4).max(32);
-                let settings =
-                    RenderSettings { max_depth: Some(max_depth), sampler: Sampler::Sobol, ..own.clone() };
                 let mut sums = Sums::new(plan.size.0, plan.size.1);
                 let mut like = Image::new(0, 0);
                 for part in 0..u64::from(Plan::REFERENCE_PARTS) {
-                    like =
-                        self.render(frames, &settings, (plan.reference_spp, REFERENCE + part), plan.size)?.0;
+                    like = self.render(frames, &right, (plan.reference_spp, REFERENCE + part), plan.size)?.0;
                     sums.add(&like);
                 }
                 let truth = sums.into_truth();
@@ -269,6 +305,12 @@ impl Bench<'_, '_> {
         truth: &Truth,
         plan: &Plan,
     ) -> Result<()> {
+        if variant.knob != SAMPLES && self.start.elapsed().as_secs_f64() > LATE * self.study.budget_s {
+            let knob = format!("{} {}", variant.knob, variant.value);
+            let because = "no time was left; a larger --budget would do".to_owned();
+            self.study.left_out.insert(0, LeftOut { knob, because });
+            return Ok(());
+        }
         let mut sums = Sums::new(plan.size.0, plan.size.1);
         let (mut seconds, mut relmse, mut light) = (Vec::new(), Vec::new(), Vec::new());
         let mut first = None;
@@ -332,7 +374,7 @@ impl Bench<'_, '_> {
     /// What helps, all at once; what follows; and whether it is true.
     fn conclude(&mut self, all: &[Variant], own: &RenderSettings, truth: &Truth, plan: &Plan) -> Result<()> {
         advice::predict(&mut self.study, plan);
-        let mut joint = advice::joint(&self.study, all, own);
+        let mut joint = advice::joint(&self.study, all, own, self.scene.integrator.max_depth);
         if let Some(joint) = joint.as_ref().filter(|j| plan.reloads || !j.reloads) {
             self.phase("turning them together")?;
             with_frames(self.scene, &joint.settings, self.control, |frames| {
@@ -348,14 +390,21 @@ impl Bench<'_, '_> {
         }
         let (point, settings) = advice::advised(&self.study, joint.as_ref(), own);
         let left = self.study.budget_s - self.start.elapsed().as_secs_f64();
-        if let Some((spp, error, seconds)) = advice::checkable(&self.study, point, plan, left) {
+        let left = if self.study.points[point].noise > 0.0 { left } else { 0.0 };
+        if left > 0.0
+            && let Some((spp, error, seconds)) = advice::checkable(&self.study, point, plan, left)
+        {
             self.phase("checking the advice")?;
             let (image, measured_s) = with_frames(self.scene, &settings, self.control, |frames| {
                 self.render(frames, &settings, WARM, plan.size)?;
                 self.render(frames, &settings, (spp, CHECK), plan.size)
             })?;
             self.study.checks.push(Check {
-                options: self.study.points[point].options.clone(),
+                // Its count is told apart.
+                options: match &self.study.points[point] {
+                    own if own.knob == SAMPLES => String::new(),
+                    turned => turned.options.clone(),
+                },
                 spp,
                 predicted: error,
                 measured: truth.relmse_of(&image).max(0.0).sqrt(),

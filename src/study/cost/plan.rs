@@ -47,10 +47,11 @@ impl Plan {
         scaled(full, MOST_PIXELS / (f64::from(full.0) * f64::from(full.1)))
     }
 
-    /// For a film of `full` pixels, a sample of which takes `seconds`, within `left` seconds; loading takes `load`.
+    /// For a film of `full` pixels, a sample of which takes `seconds`, and one of the reference `of_reference`, within `left`
+    /// seconds; loading takes `load`.
     pub(super) fn new(
         full: (u32, u32),
-        seconds: f64,
+        (seconds, of_reference): (f64, f64),
         left: f64,
         load: f64,
         all: &[Variant],
@@ -63,7 +64,8 @@ impl Plan {
         let reference = if given { 0.0 } else { REFERENCE };
         let seconds = seconds.max(1e-6);
         // A reference that was given has its size.
-        let least = (LEAST_REFERENCE * seconds / (REFERENCE * left))
+        let of_reference = of_reference.max(seconds);
+        let least = (LEAST_REFERENCE * of_reference / (REFERENCE * left))
             .max(turned * f64::from(SPP * RENDERS) * seconds / (KNOBS * left));
         let pixels = f64::from(full.0) * f64::from(full.1);
         let wanted = if given {
@@ -74,7 +76,8 @@ impl Plan {
         let size = if given { full } else { scaled(full, wanted / pixels) };
         let scale = pixels / (f64::from(size.0) * f64::from(size.1));
         let each = seconds / scale;
-        let reference_spp = (reference * left / each / f64::from(Self::REFERENCE_PARTS)) as u32;
+        let reference_spp =
+            (reference * left / (of_reference / scale) / f64::from(Self::REFERENCE_PARTS)) as u32;
         let knobs = KNOBS * left / each / turned;
         let spp = [SPP, 8, 4, 2].into_iter().find(|&n| f64::from(n * RENDERS) <= knobs).unwrap_or(1);
         // Each rung takes twice as long as the one before: all of them twice the last.
@@ -125,7 +128,7 @@ mod tests {
             for seconds in [0.001, 0.02, 0.5] {
                 for left in [10.0, 60.0, 600.0] {
                     let all = [variants(9, false), variants(6, true)].concat();
-                    let plan = Plan::new(full, seconds, left, 0.1, &all, false);
+                    let plan = Plan::new(full, (seconds, seconds), left, 0.1, &all, false);
                     let each = seconds / plan.scale;
                     let samples = f64::from(plan.reference_spp * Plan::REFERENCE_PARTS)
                         + plan.ladder.iter().map(|&(n, r)| f64::from(n * r)).sum::<f64>()
@@ -147,9 +150,9 @@ mod tests {
 
     #[test]
     fn a_scene_that_loads_slowly_is_loaded_once() {
-        assert!(!Plan::new((640, 360), 0.02, 60.0, 20.0, &variants(3, true), false).reloads);
-        assert!(Plan::new((640, 360), 0.02, 60.0, 0.2, &variants(3, true), false).reloads);
-        let given = Plan::new((1280, 720), 0.1, 60.0, 0.2, &variants(3, true), true);
+        assert!(!Plan::new((640, 360), (0.02, 0.02), 60.0, 20.0, &variants(3, true), false).reloads);
+        assert!(Plan::new((640, 360), (0.02, 0.02), 60.0, 0.2, &variants(3, true), false).reloads);
+        let given = Plan::new((1280, 720), (0.1, 0.1), 60.0, 0.2, &variants(3, true), true);
         assert_eq!((given.size, given.scale), ((1280, 720), 1.0));
     }
 }

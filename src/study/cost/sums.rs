@@ -12,6 +12,9 @@ use crate::study::diff::{REL_MSE_EPSILON, TRIMMED_SHARE};
 /// Pixels across and down of a block whose mean counts as one value, for the spread of a bias.
 const BLOCK: u32 = 8;
 
+/// Blocks whose spread means something.
+const FEWEST_BLOCKS: usize = 16;
+
 /// A value for each channel.
 type Rgb = [f64; 3];
 
@@ -114,6 +117,11 @@ impl Sums {
             *block = (block.0 + of(0) + of(1) + of(2), block.1 + 1.0);
         }
         let kept = self.mean.len();
+        // Blocks of a few pixels tell no spread.
+        if blocks.len() < FEWEST_BLOCKS {
+            let square = blocks.iter().map(|b| b.0).sum::<f64>() / kept.max(1) as f64;
+            return Bias { square, deviation: square.abs() };
+        }
         let square = blocks.iter().map(|b| b.0).sum::<f64>() / kept.max(1) as f64;
         // Of a ratio of sums over blocks, which have not equally many pixels.
         let spread: f64 = blocks.iter().map(|b| (b.0 - square * b.1).powi(2)).sum();

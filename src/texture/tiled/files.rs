@@ -242,7 +242,7 @@ impl PooledFile {
     pub(super) fn unchanged(&self, open: &Open) -> std::result::Result<(), Cause> {
         let meta = open.file.metadata().map_err(|e| e.to_string())?;
         if Stamp::of(&meta) != self.stamp {
-            return Err("the file changed while rendering; keep textures as they are until the end".into());
+            return Err("the file changed while rendering; keep files as they are until the end".into());
         }
         Ok(())
     }
