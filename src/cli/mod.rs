@@ -142,7 +142,7 @@ fn with_render(mut arguments: Vec<OsString>) -> Result<Vec<OsString>> {
     // A bare word that is no file is more likely a command misspelt than a scene misplaced.
     if !text.starts_with('-') && !text.contains(['.', '/']) && !Path::new(first).exists() {
         return Err(Error::Usage(format!(
-            "no command and no file is called '{text}'; the commands are render, plan, compare, diff, info, report, texture and generate; see weir --help"
+            "no command and no file is called '{text}'; the commands are render, plan, compare, cost, diff, info, report, texture and generate; see weir --help"
         )));
     }
     arguments.insert(1, "render".into());

@@ -68,7 +68,7 @@ fn times_have_units() {
 fn errors_say_what_would_be_right_in_one_line() {
     for (text, needed) in [
         ("", "no scene given"),
-        ("rendr a.pbrt", "render, compare, diff, info, report, texture and generate"),
+        ("rendr a.pbrt", "render, plan, compare, cost, diff, info, report, texture and generate"),
         ("render", "<SCENE>"),
         ("diff a.exr", "<B>"),
         ("a.pbrt b.pbrt", "'b.pbrt'"),
@@ -104,10 +104,21 @@ fn errors_say_what_would_be_right_in_one_line() {
 fn help_lists_only_what_exists() {
     for text in ["--help", "-h", "help"] {
         let Ok(Command::Help(help)) = parse(line(text)) else { panic!("`weir {text}` is help") };
-        for needed in ["render", "compare", "diff", "info", "report", "generate", "Examples:", "Exit codes"] {
+        for needed in [
+            "render",
+            "plan",
+            "compare",
+            "cost",
+            "diff",
+            "info",
+            "report",
+            "generate",
+            "Examples:",
+            "Exit codes",
+        ] {
             assert!(help.contains(needed), "{needed}");
         }
-        assert!(!help.contains("plan"), "{help}");
+        assert!(!help.contains("serve"), "{help}");
     }
     let Ok(Command::Help(help)) = parse(line("render --help")) else { panic!("help") };
     for option in ["--spp", "--time", "--crop", "--stats", "--roulette", "Ctrl-C", "Examples:"] {
