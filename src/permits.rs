@@ -6,7 +6,7 @@
 //! gives one up, and that one may be waiting for the lock.
 
 use std::cell::RefCell;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 thread_local! {
     /// The permits that this thread has one of.
@@ -28,13 +28,13 @@ impl Permits {
     }
 
     fn take(&self) {
-        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let free = lock(&self.free);
         let none = |free: &mut usize| *free == 0;
         *self.returned.wait_while(free, none).unwrap_or_else(PoisonError::into_inner) -= 1;
     }
 
     fn give(&self) {
-        *self.free.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        *lock(&self.free) += 1;
         self.returned.notify_one();
     }
 
@@ -67,6 +67,12 @@ pub fn lend<R>(wait: impl FnOnce() -> R) -> R {
     result
 }
 
+/// Locks `mutex`, whatever has become of who held it. For data that are whole before anything that may panic, and for those
+/// that nobody uses after a panic.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// What one thread makes while others wait for it.
 pub struct Promise<T> {
     state: Mutex<State<T>>,
@@ -88,14 +94,14 @@ impl<T> Default for Promise<T> {
 impl<T: Clone> Promise<T> {
     /// Gives it to all who wait; `None` when it will not come.
     pub fn keep(&self, made: Option<T>) {
-        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = State::Kept(made);
+        *lock(&self.state) = State::Kept(made);
         self.done.notify_all();
     }
 
     /// What was made, when it is there; `None` when its maker gave up. Lends this thread's permit meanwhile.
     pub fn wait(&self) -> Option<T> {
         lend(|| {
-            let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut state = lock(&self.state);
             loop {
                 if let State::Kept(made) = &*state {
                     return made.clone();

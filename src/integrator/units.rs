@@ -9,7 +9,8 @@
 
 use super::path::Wave;
 use crate::color::Rgb;
-use crate::schedule::{Meter, Piece, WORDS, lock};
+use crate::permits::lock;
+use crate::schedule::{Meter, Piece, WORDS};
 use crate::stats::Counters;
 use bytemuck::{Pod, Zeroable};
 use std::sync::Mutex;

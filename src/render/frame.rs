@@ -5,7 +5,6 @@
 
 use super::job::{Job, Order};
 use super::load::open_pages;
-use super::plan::Planned;
 use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::stream::{Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
@@ -67,9 +66,8 @@ pub fn with_frames<R>(
     let start = Instant::now();
 
     (control.progress)(Progress::Phase("loading"));
-    let planned = pool.install(|| Planned::new(scene, &film, settings, threads))?;
-    let mut plan = planned.plan.clone();
-    let (stage, environments) = pool.install(|| Stage::load(scene, settings, planned, threads, control))?;
+    let (stage, environments, mut plan) =
+        pool.install(|| Stage::load(scene, &film, settings, threads, control))?;
     let Stage { geometry, textures, .. } = &stage;
     if geometry.pages.is_some() && !plan.pages && settings.memory.is_some() && !settings.backend_named {
         // There are more triangles than were guessed, and Embree cannot let go of any.

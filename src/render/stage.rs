@@ -15,6 +15,7 @@ use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights::Lights;
 use crate::integrator::materials::{MaterialTables, Materials};
 use crate::integrator::path::{SurfaceShading, World};
+use crate::prepare::RenderPlan;
 use crate::scene::{Film, SceneDescription};
 use crate::settings::{Estimator, RenderSettings};
 use crate::stats;
@@ -47,17 +48,20 @@ pub(crate) fn threads_of(settings: &RenderSettings) -> usize {
 }
 
 impl Stage {
-    /// Loads what `scene` names, as it was planned, on the current pool; the images of lights go to [`Lights::new`].
+    /// Plans a render of `scene` into `film` and loads what it names, on the current pool; the images of lights go to
+    /// [`Lights::new`].
     pub(crate) fn load(
         scene: &SceneDescription,
+        film: &Film,
         settings: &RenderSettings,
-        planned: Planned,
         threads: usize,
         control: &Control<'_>,
-    ) -> Result<(Self, Vec<EnvironmentMap>)> {
+    ) -> Result<(Self, Vec<EnvironmentMap>, RenderPlan)> {
+        let planned = Planned::new(scene, film, settings, threads)?;
+        let plan = planned.plan.clone();
         let (geometry, textures, environments) = load(scene, settings, planned, threads, control)?;
         let tables = MaterialTables::new(scene, &textures);
-        Ok((Self { geometry, textures, tables }, environments))
+        Ok((Self { geometry, textures, tables }, environments, plan))
     }
 
     /// What paths meet: traversal by `accel`, of everything and of emitters alone.

@@ -13,11 +13,11 @@ use crate::geometry::pages::PageStore;
 use crate::integrator::flight::{Flight, GATHERED, HIT_BYTES, Probe, Shader, UNIT_BYTES};
 use crate::integrator::path::Wave;
 use crate::integrator::units::{Film, MOST_UNITS, UNIT, UNIT_PIECES, Units};
-use crate::permits::Permits;
+use crate::permits::{Permits, lock};
 use crate::schedule::{Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Queues, Residency};
 use crate::stats::{Counters, SchedulerStats};
 use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// Memory for rays where nobody says how much.
 pub(super) const DEFAULT_RAY_MEMORY: u64 = 256 << 20;
@@ -148,7 +148,7 @@ impl<A: Accel + ?Sized> Film for Part<'_, '_, A> {
         self.job.sum(pass, radiance, weights, &mut sums, counters);
         let buffer = &self.job.buffer;
         {
-            let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut early = lock(&self.early);
             early.insert((tile, pass), sums);
             let mut pass = buffer.passes(tile);
             while let Some(sums) = early.remove(&(tile, pass)) {

@@ -3,8 +3,9 @@
 //! Invariant: never more pieces than the limit, unless they are taken by force when none is in use. None is freed before
 //! the end: what one thread allocates and another frees is not used again by either, and the process would grow.
 
+use crate::permits::lock;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// Words of a piece.
 pub const WORDS: usize = 1024;
@@ -31,7 +32,7 @@ impl Meter {
     }
 
     fn unused(&self) -> MutexGuard<'_, Vec<Piece>> {
-        self.unused.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.unused)
     }
 
     /// Whether `count` pieces could be had, or none is in use. Under the lock of `unused`, which holds still what it says.

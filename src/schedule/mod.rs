@@ -25,7 +25,6 @@ pub use order::Order;
 pub use queues::{Limits, Queues};
 
 use crate::accel::{Hit, Ray};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Something that carries a ray: plain words, so that it can lie anywhere.
 pub trait Traveller: bytemuck::Pod + Send {
@@ -61,9 +60,4 @@ pub trait Sink<P, T> {
     /// What was met so far lies together, and what comes next lies elsewhere: works on it, if it is worth while or if
     /// it must `all` be done. Whether there was anything.
     fn settle(&mut self, all: bool, fresh: &mut Fresh<P, T>) -> bool;
-}
-
-/// Locks `mutex`. What a panic leaves is not used: it goes on in the thread that joins.
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -9,9 +9,9 @@
 
 use super::bag::{Bag, Taken};
 use super::worker::{Key, Worker};
-use super::{Fresh, Grid, Ledger, Meter, Order, Piece, Sink, Traveller, lock};
+use super::{Fresh, Grid, Ledger, Meter, Order, Piece, Sink, Traveller};
 use crate::accel::{Accel, Hit};
-use crate::permits;
+use crate::permits::{self, lock};
 use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};

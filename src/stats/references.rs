@@ -3,8 +3,9 @@
 //! Invariant: costs a comparison for a reference that is not sampled; a lock only for some dozens that are.
 
 use super::{Knee, StackDistances, sample_hash};
+use crate::permits::lock;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Sampled references that a thread hands over together.
 pub const SAMPLES: usize = 64;
@@ -37,22 +38,17 @@ impl References {
     /// Takes a thread's sampled references, keys and their bytes, of `requests` references in all.
     pub fn record(&self, sampled: &mut Vec<(u64, u32)>, requests: u64) {
         self.requests.fetch_add(requests, Ordering::Relaxed);
-        let mut distances = self.distances();
+        let mut distances = lock(&self.distances);
         for (key, bytes) in sampled.drain(..) {
             distances.record(key, bytes);
         }
         self.threshold.store(distances.threshold(), Ordering::Relaxed);
     }
 
-    fn distances(&self) -> MutexGuard<'_, StackDistances> {
-        // Every reference leaves them whole.
-        self.distances.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// What a cache of `bytes` would have read, `first` of it for the first time.
     #[must_use]
     pub fn misses(&self, bytes: u64, first: u64) -> f64 {
-        self.distances().misses(bytes, self.requests.load(Ordering::Relaxed), first)
+        lock(&self.distances).misses(bytes, self.requests.load(Ordering::Relaxed), first)
     }
 
     /// Where a larger cache stops paying, where `misses` says what one reads and `first` it reads in any case.
@@ -60,7 +56,7 @@ impl References {
     pub fn knee(&self, first: u64, misses: impl Fn(u64) -> f64) -> Option<Knee> {
         // What has several sizes is read in their proportion.
         let pressure = |bytes| misses(bytes) / first.max(1) as f64;
-        let sizes = self.distances().sizes();
+        let sizes = lock(&self.distances).sizes();
         let bytes = sizes.into_iter().find(|&bytes| pressure(bytes) <= 1.1)?;
         Some(Knee { bytes, pressure: pressure(bytes), pressure_at_half: pressure(bytes / 2) })
     }
@@ -68,7 +64,7 @@ impl References {
     /// Predicted misses over `lookups` for caches of other sizes, in rising order of bytes.
     #[must_use]
     pub fn curve(&self, lookups: u64, misses: impl Fn(u64) -> f64) -> Vec<(u64, f64)> {
-        let sizes = self.distances().sizes();
+        let sizes = lock(&self.distances).sizes();
         // Steps of 6 %: a curve to draw.
         let steps = sizes.into_iter().rev().step_by(4);
         let mut curve: Vec<_> = steps.map(|bytes| (bytes, misses(bytes) / lookups.max(1) as f64)).collect();

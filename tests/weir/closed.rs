@@ -7,6 +7,24 @@
 use glam::{DMat3, DVec3, Vec3};
 use std::collections::{HashMap, HashSet};
 use std::f64::consts::{PI, TAU};
+use weir::accel::{Custom, Ray};
+
+/// A world of triangles alone.
+pub(crate) struct Nothing;
+
+impl Custom for Nothing {
+    fn bounds(&self, _: u32, _: u32) -> (Vec3, Vec3) {
+        unreachable!("there are triangles alone")
+    }
+
+    fn intersect(&self, _: u32, _: u32, _: &Ray) -> Option<(f32, f32, f32)> {
+        unreachable!("there are triangles alone")
+    }
+
+    fn is_opaque(&self, _: u32, _: u32, _: (f32, f32, f32), _: &Ray) -> bool {
+        unreachable!("nothing is masked")
+    }
+}
 
 /// SplitMix64.
 pub(crate) struct Random(pub(crate) u64);

@@ -6,30 +6,14 @@
 //! rule of `closed::is_inside`; where a mesh after rounding has too few such points, its case is left out and named.
 //! Never: asks anything of Embree but its count.
 
-use crate::closed::{MARGIN, Mesh, Placement, Random, Rounded, is_inside, point_of};
+use crate::closed::{MARGIN, Mesh, Nothing, Placement, Random, Rounded, is_inside, point_of};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::sync::Arc;
 use weir::accel::bvh::{BvhScene, Form};
 use weir::accel::embree::{BuildOptions, EmbreeDevice, EmbreeScene};
-use weir::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, Ray};
-
-struct Nothing;
-
-impl Custom for Nothing {
-    fn bounds(&self, _: u32, _: u32) -> (Vec3, Vec3) {
-        unreachable!("there are triangles alone")
-    }
-
-    fn intersect(&self, _: u32, _: u32, _: &Ray) -> Option<(f32, f32, f32)> {
-        unreachable!("there are triangles alone")
-    }
-
-    fn is_opaque(&self, _: u32, _: u32, _: (f32, f32, f32), _: &Ray) -> bool {
-        unreachable!("nothing is masked")
-    }
-}
+use weir::accel::{Accel, Geometry, Hit, InstanceOf, NONE, Ray};
 
 /// What a ray is aimed at.
 const AIMS: [&str; 6] =

@@ -11,13 +11,13 @@
 use super::files::PageFiles;
 use super::looks::Looks;
 use super::slots::{Slot, Slots};
-use crate::permits::{self, Promise};
+use crate::permits::{self, Promise, lock};
 use crate::stats::{CacheRow, CacheStats, Gauge, KeyBuildHasher, References};
-use crate::texture::cache::FileCounts;
+use crate::texture::cache::{FileCounts, nanoseconds};
 use arc_swap::ArcSwapOption;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 /// Pages that an eviction compares, drawn at random: the oldest of them has a seventeenth of all before it on average.
@@ -71,15 +71,6 @@ impl Drop for Abandon<'_> {
         let promise = self.0.comings().loading.remove(&u64::from(self.1));
         promise.into_iter().for_each(|promise| promise.keep(None));
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Every critical section leaves the data whole before anything that may panic.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn nanoseconds(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl PageCache {
@@ -186,7 +177,7 @@ impl PageCache {
             if let Some(slot) = promise.wait() {
                 thread.book(page, files, |c| {
                     c.misses_duplicate += 1;
-                    c.stall_ns += nanoseconds(start.elapsed());
+                    c.stall_ns += nanoseconds(start);
                 });
                 return slot;
             }
@@ -200,7 +191,7 @@ impl PageCache {
         let mut slot = self.room(files);
         let ready = Instant::now();
         let read = permits::lend(|| files.read(page, &mut slot, &mut thread.scratch));
-        let read_ns = nanoseconds(ready.elapsed());
+        let read_ns = nanoseconds(ready);
         let failed = u64::from(read.is_err());
         let bytes_read = read.unwrap_or_else(|error| {
             // A page without nodes.
@@ -230,7 +221,7 @@ impl PageCache {
             c.bytes_read += bytes_read;
             c.bytes_loaded += size;
             c.footprint_bytes += if first { size } else { 0 };
-            c.stall_ns += nanoseconds(ready.duration_since(start));
+            c.stall_ns += ready.duration_since(start).as_nanos() as u64;
             c.read_ns += read_ns;
             c.failed += failed;
         });

@@ -42,11 +42,15 @@ impl Name {
 }
 
 /// What there is to hit, as the backends are given it.
-pub(super) struct Shapes<'a> {
-    pub(super) world: Vec<Geometry<'a>>,
-    pub(super) objects: Vec<Vec<Geometry<'a>>>,
-    pub(super) instances: Vec<InstanceOf>,
-    pub(super) custom: &'a dyn Custom,
+pub struct Shapes<'a> {
+    /// The world's own geometry.
+    pub world: Vec<Geometry<'a>>,
+    /// Objects.
+    pub objects: Vec<Vec<Geometry<'a>>>,
+    /// Instances of them.
+    pub instances: Vec<InstanceOf>,
+    /// Asked about what are no triangles, and about masks.
+    pub custom: &'a dyn Custom,
 }
 
 /// A primitive that may be hit.

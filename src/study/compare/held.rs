@@ -6,20 +6,8 @@
 use super::arbiter::{Arbiter, Candidate, Name, Shapes};
 use super::bounds::Voice;
 use super::outcome::ray_text;
-use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, Ray};
+use crate::accel::{Accel, Hit, Ray};
 use rayon::prelude::*;
-
-/// What there is to hit.
-pub struct Ground<'a> {
-    /// The world's own geometry.
-    pub world: Vec<Geometry<'a>>,
-    /// Objects.
-    pub objects: Vec<Vec<Geometry<'a>>>,
-    /// Instances of them.
-    pub instances: Vec<InstanceOf>,
-    /// Asked about what are no triangles, and about masks.
-    pub custom: &'a dyn Custom,
-}
 
 /// What became of rays; by voice, native first.
 #[derive(Clone, Debug, Default)]
@@ -89,14 +77,12 @@ fn share(found: &[Candidate], voice: usize, hit: &Hit) -> Option<f64> {
     (error != 0.0 && error / most >= 0.0).then_some(error / most)
 }
 
-/// Judges the answers of `native` and of `other`, which is Embree in its `robust` mode or not, to `rays` over `ground`,
+/// Judges the answers of `native` and of `other`, which is Embree in its `robust` mode or not, to `rays` over `shapes`,
 /// from which both were built.
 #[must_use]
-pub fn hold(ground: Ground<'_>, [native, other]: [&dyn Accel; 2], robust: bool, rays: &[Ray]) -> Held {
-    let Ground { world, objects, instances, custom } = ground;
-    let shapes = Shapes { world, objects, instances, custom };
+pub fn hold(shapes: &Shapes<'_>, [native, other]: [&dyn Accel; 2], robust: bool, rays: &[Ray]) -> Held {
     let voice = if robust { Voice::EmbreeRobust } else { Voice::Embree };
-    let arbiter = Arbiter::new(&shapes, [Voice::Native, voice]);
+    let arbiter = Arbiter::new(shapes, [Voice::Native, voice]);
     let part = |rays: &[Ray]| {
         let mut held = Held::default();
         rays.iter().for_each(|ray| held.take(&arbiter, [native, other], ray));

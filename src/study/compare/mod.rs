@@ -20,7 +20,8 @@ mod replay;
 mod testing;
 mod verdict;
 
-pub use held::{Ground, Held, hold};
+pub use arbiter::Shapes;
+pub use held::{Held, hold};
 pub use hits::Kind;
 pub use outcome::{
     Answer, Answers, Backend, Comparison, Hits, Ratios, RayCounts, Worst, parse_ray, ray_text,
@@ -33,12 +34,11 @@ use crate::accel::{Accel, Builder, Ray};
 use crate::error::{Error, Result};
 use crate::film::{FilterSampler, Image};
 use crate::integrator::lights::Lights;
-use crate::render::plan::Planned;
 use crate::render::stage::{Stage, effective_film, emitters_only, pool};
 use crate::render::{Control, Progress};
 use crate::scene::SceneDescription;
 use crate::settings::{Backend as BackendName, RenderSettings};
-use arbiter::{Arbiter, Shapes};
+use arbiter::Arbiter;
 use backends::{Backends, Cost, primitives};
 use bounds::Voice;
 use hits::{Disagreement, Pair, Tally};
@@ -91,10 +91,7 @@ pub fn compare(
     let (pool, threads) = pool(settings)?;
     let film = effective_film(scene, settings)?;
     phase("loading")?;
-    let (stage, environments) = pool.install(|| {
-        let planned = Planned::new(scene, &film, settings, threads)?;
-        Stage::load(scene, settings, planned, threads, control)
-    })?;
+    let (stage, environments, _) = pool.install(|| Stage::load(scene, &film, settings, threads, control))?;
     let lights = Lights::new(scene, &stage.geometry, &stage.textures, environments);
     let (world, objects, instances) = stage.geometry.for_backend();
     let shapes = Shapes { world, objects, instances, custom: &stage.geometry };

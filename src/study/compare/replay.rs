@@ -8,7 +8,6 @@ use super::verdict::Verdict;
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::error::Result;
 use crate::render::Control;
-use crate::render::plan::Planned;
 use crate::render::stage::{Stage, effective_film, pool};
 use crate::scene::SceneDescription;
 use crate::settings::RenderSettings;
@@ -29,10 +28,7 @@ pub fn replay(
 ) -> Result<(String, bool)> {
     let (pool, threads) = pool(settings)?;
     let film = effective_film(scene, settings)?;
-    let (stage, _) = pool.install(|| {
-        let planned = Planned::new(scene, &film, settings, threads)?;
-        Stage::load(scene, settings, planned, threads, control)
-    })?;
+    let (stage, ..) = pool.install(|| Stage::load(scene, &film, settings, threads, control))?;
     let (world, objects, instances) = stage.geometry.for_backend();
     let shapes = Shapes { world, objects, instances, custom: &stage.geometry };
     let backends = Backends::new(&shapes, &pool, threads, true, 0)?;

@@ -2,7 +2,8 @@
 //! Never touches a tile.
 
 use super::tile::cost;
-use super::{CachedFile, TileCache, lock};
+use super::{CachedFile, TileCache};
+use crate::permits::lock;
 use crate::stats::{CacheRow, CacheStats};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;

@@ -19,13 +19,13 @@ pub use thread::ThreadCache;
 pub use tile::least_budget;
 
 use crate::error::{Error, Result};
-use crate::permits;
+use crate::permits::{self, lock};
 use crate::stats::{Gauge, KeyBuildHasher, References, spread};
 use lru::LruCache;
 use shard::{Abandon, Padded, Shard};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 use tile::{Lines, Tile, allocate, cost, lines_for};
 
@@ -90,11 +90,6 @@ pub struct TileCache {
 #[inline(always)]
 fn key(file: u32, tile: u32) -> u64 {
     u64::from(file) << 32 | u64::from(tile)
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // Every critical section leaves the data whole before anything that may panic.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl TileCache {
@@ -382,7 +377,8 @@ impl TileCache {
     }
 }
 
-fn nanoseconds(since: Instant) -> u64 {
+/// Since then.
+pub(crate) fn nanoseconds(since: Instant) -> u64 {
     u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
 

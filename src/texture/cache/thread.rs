@@ -5,7 +5,8 @@
 
 use super::counters::{DEPTHS, FileCounts};
 use super::tile::Tile;
-use super::{TileCache, key, lock};
+use super::{TileCache, key};
+use crate::permits::lock;
 use crate::stats::{CacheCounts, SAMPLES, spread};
 use crate::texture::tiled::TileScratch;
 use std::sync::Arc;

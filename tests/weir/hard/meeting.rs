@@ -5,27 +5,10 @@
 
 use super::leaving::direction;
 use super::{Effort, Row, Table, Tracer};
-use crate::closed::{Random, point_of};
+use crate::closed::{Nothing, Random, point_of};
 use glam::{DVec3, Vec3};
-use weir::accel::{Accel, Custom, Geometry, Ray};
-use weir::study::compare::{Ground, Held, hold};
-
-/// A world of triangles alone.
-pub(super) struct Nothing;
-
-impl Custom for Nothing {
-    fn bounds(&self, _: u32, _: u32) -> (Vec3, Vec3) {
-        unreachable!("there are triangles alone")
-    }
-
-    fn intersect(&self, _: u32, _: u32, _: &Ray) -> Option<(f32, f32, f32)> {
-        unreachable!("there are triangles alone")
-    }
-
-    fn is_opaque(&self, _: u32, _: u32, _: (f32, f32, f32), _: &Ray) -> bool {
-        unreachable!("nothing is masked")
-    }
-}
+use weir::accel::{Accel, Geometry, Ray};
+use weir::study::compare::{Held, Shapes, hold};
 
 /// Triangles as backends get them.
 #[derive(Clone)]
@@ -192,13 +175,13 @@ pub(super) fn soups(effort: Effort) -> Table {
                     let native = soup.build(Tracer::Native);
                     for (robust, held) in held.iter_mut().enumerate() {
                         let other = soup.build([Tracer::Embree, Tracer::Robust][robust]);
-                        let ground = Ground {
+                        let ground = Shapes {
                             world: vec![soup.geometry()],
                             objects: Vec::new(),
                             instances: Vec::new(),
                             custom: &Nothing,
                         };
-                        held.join(hold(ground, [&*native, &*other], robust == 1, &rays));
+                        held.join(hold(&ground, [&*native, &*other], robust == 1, &rays));
                     }
                 }
             }
@@ -239,13 +222,13 @@ fn a_moved_triangle_is_found() {
     let rays: Vec<Ray> = (0..500).map(|_| ray(2, &soup, 1.0, &mut random)).collect();
     let mut moved = soup.clone();
     moved.positions.iter_mut().for_each(|p| p[0] += 1e-4);
-    let ground = Ground {
+    let ground = Shapes {
         world: vec![moved.geometry()],
         objects: Vec::new(),
         instances: Vec::new(),
         custom: &Nothing,
     };
     let (native, embree) = (soup.build(Tracer::Native), soup.build(Tracer::Embree));
-    let held = hold(ground, [&*native, &*embree], false, &rays);
+    let held = hold(&ground, [&*native, &*embree], false, &rays);
     assert!(held.faults[0] > 100 && held.faults[1] > 100, "{held:?}");
 }

@@ -3,13 +3,13 @@
 //! Invariant: corners are multiples of 1/64 and transforms have few bits, so that flattening rounds nothing: both are
 //! exactly the same shapes.
 
-use super::meeting::{Nothing, Soup, rows};
+use super::meeting::{Soup, rows};
 use super::{Effort, Row, Table, Tracer};
-use crate::closed::{Random, point_of};
+use crate::closed::{Nothing, Random, point_of};
 use glam::{DMat3, DVec3, Vec3};
 use weir::accel::{Accel, InstanceOf, NONE, Ray};
 use weir::scene::pbrt::parse_str;
-use weir::study::compare::{Ground, Held, hold};
+use weir::study::compare::{Held, Shapes, hold};
 
 /// Name, and what is done one after the other, the innermost last.
 fn transforms() -> Vec<(&'static str, Vec<DMat3>)> {
@@ -64,7 +64,7 @@ pub(super) fn flattened(effort: Effort) -> Table {
             let placed = Tracer::ALL.map(build);
             let in_world = Tracer::ALL.map(|tracer| flat.build(tracer));
             for robust in 0..2 {
-                let ground = |instanced: bool| Ground {
+                let ground = |instanced: bool| Shapes {
                     world: if instanced { Vec::new() } else { vec![flat.geometry()] },
                     objects: if instanced { objects.to_vec() } else { Vec::new() },
                     instances: if instanced { vec![transform] } else { Vec::new() },
@@ -72,7 +72,7 @@ pub(super) fn flattened(effort: Effort) -> Table {
                 };
                 let of = |all: &[Box<dyn Accel + '_>; 3]| {
                     let pair: [&dyn Accel; 2] = [&*all[0], &*all[1 + robust]];
-                    hold(ground(std::ptr::eq(all, &placed)), pair, robust == 1, &rays)
+                    hold(&ground(std::ptr::eq(all, &placed)), pair, robust == 1, &rays)
                 };
                 held[robust].join(of(&placed));
                 held[2 + robust].join(of(&in_world));
@@ -151,7 +151,7 @@ fn a_moved_instance_is_found() {
     let (native, embree) = (build(Tracer::Native), build(Tracer::Embree));
     let rays: Vec<Ray> = (0..500).map(|i| aimed(&own, i, &mut random)).collect();
     let ground =
-        Ground { world: Vec::new(), objects: objects.to_vec(), instances: vec![at(1e-4)], custom: &Nothing };
-    let held = hold(ground, [&*native, &*embree], false, &rays);
+        Shapes { world: Vec::new(), objects: objects.to_vec(), instances: vec![at(1e-4)], custom: &Nothing };
+    let held = hold(&ground, [&*native, &*embree], false, &rays);
     assert!(held.faults[0] > 100 && held.faults[1] > 100, "{held:?}");
 }

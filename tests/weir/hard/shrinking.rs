@@ -3,14 +3,15 @@
 //! Invariant: the native hierarchy alone is held to them; the second voice is there because the judge has two.
 
 use super::leaving::{Traced, geometry};
-use super::meeting::{Nothing, Soup};
+use super::meeting::Soup;
 use super::{Effort, Row, Table, Tracer};
+use crate::closed::Nothing;
 use glam::{DVec3, Vec3, Vec3A};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 use weir::accel::{NONE, Ray};
 use weir::geometry::offset_origin;
-use weir::study::compare::{Ground, hold};
+use weir::study::compare::{Shapes, hold};
 
 /// Of every size up to 1e8 either way, some of them zeros, whole, or equal.
 fn number() -> impl Strategy<Value = f32> {
@@ -37,7 +38,7 @@ fn is_allowed(
     let soup = Soup::new(&triangles);
     let (native, embree) = (soup.build(Tracer::Native), soup.build(Tracer::Embree));
     let ground =
-        Ground { world: vec![soup.geometry()], objects: Vec::new(), instances: Vec::new(), custom: &Nothing };
+        Shapes { world: vec![soup.geometry()], objects: Vec::new(), instances: Vec::new(), custom: &Nothing };
     let origin = Vec3::from(origin);
     let aimed = triangles.iter().map(|t| (t[0] * 0.25 + t[1] * 0.25 + t[2] * 0.5).as_vec3() - origin);
     let rays: Vec<Ray> = std::iter::once(Vec3::from(direction))
@@ -45,7 +46,7 @@ fn is_allowed(
         .filter(|d| *d != Vec3::ZERO)
         .map(|d| Ray::new(origin, d))
         .collect();
-    let held = hold(ground, [&*native, &*embree], false, &rays);
+    let held = hold(&ground, [&*native, &*embree], false, &rays);
     prop_assert!(held.faults[0] + held.contradictions[0] == 0, "{:?}", held.examples[0]);
     prop_assert!(held.worst[0] <= 1.0, "{} of a bound", held.worst[0]);
     Ok(())
