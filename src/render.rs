@@ -3,6 +3,7 @@
 //! Invariant: the picture depends on the scene, the settings and the seed, never on the number of
 //! threads or on which of them was faster.
 
+mod balance;
 mod frame;
 mod job;
 mod load;

@@ -1,6 +1,6 @@
 //! How one number of bytes is divided among geometry, textures, rays that wait, film and tables.
 //!
-//! Invariant: the parts together never exceed the whole; what a person gives to a part is left as it is.
+//! Invariant: the parts together never exceed the whole; what a person gives to a part is the most that it gets.
 //! Never measures: it divides what is expected, and who loads holds that against what comes.
 
 use super::bytes::GeometryBytes;
@@ -38,17 +38,22 @@ pub struct Division {
     pub rays: u64,
     /// Tables of what waits and of what comes and goes.
     pub tables: u64,
+    /// Geometry and textures may give each other of theirs while rendering.
+    pub balanced: bool,
     /// How it was done.
     pub because: String,
 }
 
 /// Rays that wait take an eighth of what is not bound, up to what they take where nobody says.
 const RAYS_SHARE: u64 = 8;
-/// Textures are worth coming and going before geometry does, down to a quarter of them: a look-up seldom needs the finest
-/// level, and geometry that comes and goes costs time even while it is there.
-const TEXTURES_SHARE: u64 = 4;
+/// Textures are worth coming and going before geometry does, down to a sixteenth of them: a look-up seldom needs the finest
+/// level (generated cities and scene b of the benchmarks read an eighteenth to a fiftieth of their texels), and geometry
+/// that comes and goes costs time even while it is there.
+const TEXTURES_SHARE: u64 = 16;
 /// Geometry stays where it takes no more than this part of what is not fixed.
 const SMALL_SHARE: u64 = 4;
+/// Textures begin with this part of what is free, where geometry comes and goes.
+const TEXTURES_BEGIN: u64 = 8;
 /// Of tables: the grid and its queues; places of pages in it; where tiles are in their files, some 20 bytes for one of 4 KiB
 /// or more.
 const TABLES: u64 = 1 << 20;
@@ -130,6 +135,7 @@ fn without_bound(settings: &RenderSettings, geometry: GeometryBytes, least: &dyn
         textures: settings.texture_memory.unwrap_or_else(|| least.usual_textures()),
         rays: settings.ray_memory.unwrap_or_else(|| least.usual_rays()),
         tables: 0,
+        balanced: false,
         because: "no bound on all".to_owned(),
     }
 }
@@ -199,6 +205,7 @@ impl Parts<'_> {
                 ray_memory.unwrap_or(self.least.usual_rays())
             },
             tables,
+            balanced: false,
             because: if all { "everything fits" } else { "geometry fits, textures come and go in the rest" }
                 .to_owned(),
         })
@@ -230,20 +237,22 @@ impl Parts<'_> {
             0
         };
         let free = free - rays;
-        // Of those that are not given, in proportion to what they take beyond the least.
-        let wants = |given: Option<u64>, all: u64, least: u64| {
-            if given.is_some() { 0 } else { all.saturating_sub(least) }
-        };
-        let whole = staying + self.geometry.pages + self.geometry.pages / 16;
-        let g = wants(geometry_memory, whole, least_geometry);
-        let t = wants(texture_memory, self.textures, least_textures);
-        let share = |mine: u64, both: u64| {
-            (u128::from(free) * u128::from(mine) / u128::from(both.max(1))).min(u128::from(mine)) as u64
-        };
-        let (to_geometry, to_textures) = match self.geometry.exact {
-            true => (share(g, g + t), share(t, g + t)),
+        // Textures begin with little: look-ups seldom need the finest levels of all that there are, and what they do need
+        // they get while rendering, which is harder to take back from them than from geometry.
+        let whole_textures = self.textures.saturating_sub(least_textures);
+        let whole_geometry =
+            (staying + self.geometry.pages + self.geometry.pages / 16).saturating_sub(least_geometry);
+        let (to_geometry, to_textures) = match (geometry_memory, texture_memory) {
+            (Some(_), Some(_)) => (0, 0),
+            (Some(_), None) => (0, free.min(whole_textures)),
+            (None, Some(_)) => (free.min(whole_geometry), 0),
             // Of what may come otherwise than is expected: each byte more is one for geometry.
-            false => (if geometry_memory.is_some() { 0 } else { free }, 0),
+            (None, None) if !self.geometry.exact => (free, 0),
+            (None, None) => {
+                let begin = free.saturating_sub(whole_geometry).max(free / TEXTURES_BEGIN);
+                let to_textures = begin.min(whole_textures);
+                (free - to_textures, to_textures)
+            }
         };
         Ok(Division {
             backend: self.backend,
@@ -252,8 +261,9 @@ impl Parts<'_> {
             textures: least_textures + to_textures,
             rays: if waiting { least_rays + rays } else { ray_memory.unwrap_or(self.least.usual_rays()) },
             tables,
-            because: "film, tables and the least of each first; of the rest an eighth to rays, and to geometry and \
-                      textures in proportion to what they take"
+            balanced: geometry_memory.is_none() && texture_memory.is_none(),
+            because: "film, tables and the least of each first; of the rest an eighth to rays, an eighth to textures at \
+                      first, and the others to geometry"
                 .to_owned(),
         })
     }

@@ -133,6 +133,7 @@ pub fn plan(
             texture_store: if whole_textures { "whole" } else { "tiles" }.to_owned(),
             rays: if schedule == Schedule::Depth { 0 } else { division.rays },
             tables: division.tables,
+            balanced: division.balanced && pages && !whole_textures && headers.textures > 0,
             because: division.because,
         },
     };

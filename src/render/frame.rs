@@ -3,8 +3,10 @@
 //! Invariant: what is timed as one phase has ended before the next begins.
 //! Never traces a ray itself.
 
+use super::balance::Balance;
 use super::job::{Job, Order};
 use super::load::open_pages;
+use super::plan::looking_up;
 use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::stream::{Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
@@ -165,9 +167,19 @@ impl Frames<'_, '_> {
             deadline: settings.time_limit_seconds,
             start: Instant::now(),
         };
-        let (counters, scheduler) = match &waiting {
+        let run = || match &waiting {
             None => (job.run(threads), SchedulerStats::default()),
             Some(waiting) => job.run_in_queues(threads, waiting, ray_memory, plan.table_room()),
+        };
+        let balance = match (textures.store().cache(), &geometry.pages) {
+            (Some((tiles, _)), Some(pages)) if plan.stats.memory.balanced => {
+                Some(Balance::new(tiles, pages, looking_up(plan, threads), threads))
+            }
+            _ => None,
+        };
+        let (counters, scheduler) = match &balance {
+            Some(balance) => balance.during(run),
+            None => run(),
         };
         let render_s = job.start.elapsed().as_secs_f64();
 
@@ -236,6 +248,11 @@ impl Frames<'_, '_> {
             unreadable.extend(failures);
         }
         stats.memory.peak_accounted = stats.memory.accounted.sum();
+        if let Some(balance) = balance {
+            let (moves, apart) = balance.finish();
+            stats.memory.peak_accounted -= apart;
+            stats.memory.moves = moves;
+        }
         stats.finish(&counters);
         let mut notes = textures.store().notes().to_vec();
         if plan.backend != settings.backend {
@@ -247,7 +264,7 @@ impl Frames<'_, '_> {
         }
         let mut image = Image::cropped(film.size, film.crop);
         image.pixels = job.buffer.resolve();
-        balance(&mut image.pixels, film);
+        white_balance(&mut image.pixels, film);
         Ok(Outcome { image, stats, interrupted, notes, unreadable })
     }
 }
@@ -274,7 +291,7 @@ fn hold_to_what_came(plan: &mut RenderPlan, settings: &RenderSettings, geometry:
 }
 
 /// The sensor's white balance, on the finished image: it is linear.
-fn balance(pixels: &mut [[f32; 3]], film: &Film) {
+fn white_balance(pixels: &mut [[f32; 3]], film: &Film) {
     let m = Mat3::from_cols_array_2d(&film.white_balance).transpose();
     if m == Mat3::IDENTITY {
         return;

@@ -64,6 +64,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         peak_rss,
         unaccounted: _,
         timeline: _,
+        moves: _,
     } = memory;
 
     let mut list = Vec::new();

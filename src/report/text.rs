@@ -151,6 +151,16 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     if memory.budget.is_some() {
         write_division(&plan.memory, "          ", out)?;
     }
+    if let Some(last) = memory.moves.last() {
+        writeln!(
+            out,
+            "          {} moves between them; since the last, after {}, pages may take {} and tiles {}",
+            memory.moves.len(),
+            seconds(last.at_s),
+            bytes(last.pages),
+            bytes(last.textures)
+        )?;
+    }
     let words = [("textures", "tile"), ("geometry", "page")];
     for (cache, words) in [texture_cache, geometry_cache].into_iter().zip(words) {
         cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, words, out))?;
@@ -163,8 +173,17 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
 /// # Errors
 /// Those of `out`.
 pub fn write_division(plan: &PlanMemory, indent: &str, out: &mut impl Write) -> io::Result<()> {
-    let PlanMemory { budget, geometry, geometry_store, textures, texture_store, rays, tables, because } =
-        plan;
+    let PlanMemory {
+        budget,
+        geometry,
+        geometry_store,
+        textures,
+        texture_store,
+        rays,
+        tables,
+        balanced,
+        because,
+    } = plan;
     let bound = |size: &Option<u64>| size.map_or("no bound".to_owned(), bytes);
     writeln!(out, "{indent}memory       {}: {because}", bound(budget))?;
     writeln!(out, "{indent}geometry     {} ({geometry_store})", bound(geometry))?;
@@ -172,6 +191,12 @@ pub fn write_division(plan: &PlanMemory, indent: &str, out: &mut impl Write) -> 
     writeln!(out, "{indent}rays         {}", if *rays > 0 { bytes(*rays) } else { "none wait".to_owned() })?;
     if *tables > 0 {
         writeln!(out, "{indent}tables       {}", bytes(*tables))?;
+    }
+    if *balanced {
+        writeln!(
+            out,
+            "{indent}             geometry and textures give each other of theirs while rendering"
+        )?;
     }
     Ok(())
 }

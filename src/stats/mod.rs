@@ -5,6 +5,7 @@
 mod cache;
 mod key_hasher;
 mod miss_ratio;
+mod moves;
 mod plan;
 mod process;
 mod references;
@@ -14,6 +15,7 @@ mod timeline;
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
 pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
+pub use moves::MemoryMove;
 pub use plan::{EffectStats, PlanBytes, PlanMemory, PlanStats};
 pub use process::{available_memory_bytes, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
 pub use references::{References, SAMPLES};
@@ -183,7 +185,7 @@ pub struct RayStats {
 pub struct MemoryStats {
     /// The bound asked for; `None` when there is none.
     pub budget: Option<u64>,
-    /// Most that our own accounting saw at once.
+    /// Most that our own accounting saw at once, or less than a step of [`Self::moves`] above it.
     pub peak_accounted: u64,
     /// What that is made of.
     pub accounted: AccountedBytes,
@@ -198,6 +200,8 @@ pub struct MemoryStats {
     pub unaccounted: Option<i64>,
     /// Memory over time; empty where nobody watched.
     pub timeline: Vec<MemorySample>,
+    /// What textures and geometry gave each other, where there is a bound on all.
+    pub moves: Vec<MemoryMove>,
 }
 
 /// The most that each part took, which may have been at different times.

@@ -73,6 +73,8 @@ pub struct PlanMemory {
     pub rays: u64,
     /// Tables of what waits and of what comes and goes; 0 without a bound on all.
     pub tables: u64,
+    /// Geometry and textures give each other of theirs while rendering, by what each reads again.
+    pub balanced: bool,
     /// How it was divided.
     pub because: String,
 }

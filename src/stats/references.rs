@@ -51,6 +51,14 @@ impl References {
         lock(&self.distances).misses(bytes, self.requests.load(Ordering::Relaxed), first)
     }
 
+    /// How often caches of so many bytes would have read again what they had read before, so far.
+    #[must_use]
+    pub fn again(&self, sizes: &[u64]) -> Vec<f64> {
+        let requests = self.requests.load(Ordering::Relaxed);
+        let distances = lock(&self.distances);
+        sizes.iter().map(|&bytes| distances.misses(bytes, requests, 0)).collect()
+    }
+
     /// Where a larger cache stops paying, where `misses` says what one reads and `first` it reads in any case.
     #[must_use]
     pub fn knee(&self, first: u64, misses: impl Fn(u64) -> f64) -> Option<Knee> {

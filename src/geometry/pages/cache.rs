@@ -1,4 +1,4 @@
-//! The pages that are in memory, inside a fixed number of bytes, each found by its name alone.
+//! The pages that are in memory, inside a number of bytes, each found by its name alone.
 //!
 //! A page is looked at where it lies, without a lock and without a count that threads share: the table of pages marks
 //! what each thread looks at (`arc-swap`). Whoever takes a page out of the table waits with the use of its memory until
@@ -24,6 +24,10 @@ use std::time::{Duration, Instant};
 const COMPARED: usize = 16;
 /// Parts of a cache's turnover that its time tells apart: pages that were used within one are alike.
 const AGES: usize = 16;
+/// Pages that go under one lock when the cache shrinks.
+const GO_TOGETHER: usize = 32;
+/// Looks at whether a page that must go is nobody's yet, some 50 ms in all; then what is in use stays.
+const PATIENCE: u32 = 1000;
 
 /// A page's place in the table.
 struct Entry {
@@ -43,17 +47,26 @@ struct Comings {
     /// Makes what is drawn.
     random: u64,
     reads: u64,
+    /// Reads in a unit of the cache's time.
+    unit: u64,
+}
+
+/// Reads in a unit of the time of a cache with room for so many pages.
+fn unit_of(room: usize) -> u64 {
+    (room / AGES).max(1) as u64
 }
 
 /// The pages of a scene that are in memory.
 pub(super) struct PageCache {
     entries: Box<[Entry]>,
-    budget: u64,
+    budget: AtomicU64,
     /// The cache's time.
     now: AtomicU32,
-    /// Reads in a unit of that.
-    unit: u64,
     used: Gauge,
+    /// Most that was used.
+    peak: AtomicU64,
+    /// Time spent reading, of all threads.
+    read_ns: AtomicU64,
     comings: Mutex<Comings>,
     references: References,
     totals: Mutex<FileCounts>,
@@ -76,14 +89,15 @@ impl Drop for Abandon<'_> {
 impl PageCache {
     /// Of the pages of `files`, in `budget` bytes.
     pub(super) fn new(files: &PageFiles, budget: u64) -> Self {
-        let room = usize::try_from(budget / files.cost()).unwrap_or(usize::MAX).min(files.pages());
+        let room = Self::room_in(budget, files);
         let entry = || Entry { page: ArcSwapOption::empty(), used: AtomicU32::new(0) };
         Self {
             entries: (0..files.pages()).map(|_| entry()).collect(),
-            budget,
+            budget: AtomicU64::new(budget),
             now: AtomicU32::new(1),
-            unit: (room / AGES).max(1) as u64,
             used: Gauge::default(),
+            peak: AtomicU64::new(0),
+            read_ns: AtomicU64::new(0),
             comings: Mutex::new(Comings {
                 loading: HashMap::default(),
                 resident: Vec::new(),
@@ -91,6 +105,7 @@ impl PageCache {
                 slots: Slots::new(room, files.page_bytes),
                 random: 0,
                 reads: 0,
+                unit: unit_of(room),
             }),
             references: References::default(),
             totals: Mutex::new(FileCounts::new(files.count())),
@@ -99,9 +114,81 @@ impl PageCache {
         }
     }
 
+    /// Pages that fit in `budget` bytes, and are.
+    fn room_in(budget: u64, files: &PageFiles) -> usize {
+        usize::try_from(budget / files.cost()).unwrap_or(usize::MAX).min(files.pages())
+    }
+
     /// Bytes that pages may take.
     pub(super) fn budget(&self) -> u64 {
-        self.budget
+        self.budget.load(Ordering::Relaxed)
+    }
+
+    /// Bytes that pages have taken at most.
+    pub(super) fn peak(&self) -> u64 {
+        self.peak.load(Ordering::Relaxed)
+    }
+
+    /// Whether a page that comes makes another go.
+    pub(super) fn is_full(&self, files: &PageFiles) -> bool {
+        let slots = &self.comings().slots;
+        slots.limit() < files.pages() && slots.made() == slots.limit()
+    }
+
+    /// Pages that have come, and the seconds that threads spent reading them.
+    pub(super) fn read(&self) -> (u64, f64) {
+        (self.comings().reads, self.read_ns.load(Ordering::Relaxed) as f64 * 1e-9)
+    }
+
+    /// Pages that caches of so many bytes would have read again, so far.
+    pub(super) fn again(&self, sizes: &[u64]) -> Vec<f64> {
+        self.references.again(sizes)
+    }
+
+    /// Lets pages take `bytes` more.
+    pub(super) fn give(&self, bytes: u64, files: &PageFiles) {
+        let mut comings = self.comings();
+        let budget = self.budget() + bytes;
+        self.budget.store(budget, Ordering::Relaxed);
+        let room = Self::room_in(budget, files);
+        comings.slots.allow(room);
+        comings.unit = unit_of(room);
+    }
+
+    /// Takes up to `bytes` from pages, but leaves them `least`; how many bytes it were, which nobody uses any more.
+    pub(super) fn take(&self, bytes: u64, least: u64, files: &PageFiles) -> u64 {
+        let before = self.budget();
+        let mut comings = self.comings();
+        if !comings.slots.can_shrink() {
+            return 0;
+        }
+        let budget = before.saturating_sub(bytes).max(least.min(before));
+        comings.slots.allow(Self::room_in(budget, files));
+        for _ in 0..PATIENCE {
+            for _ in 0..GO_TOGETHER {
+                if comings.slots.made() <= comings.slots.limit() {
+                    break;
+                }
+                let Some(slot) = self.evict(&mut comings, files) else { break };
+                comings.slots.drop(slot);
+                self.used.fetch_sub(files.cost(), Ordering::Relaxed);
+            }
+            if comings.slots.made() <= comings.slots.limit() {
+                break;
+            }
+            // Others may look and read meanwhile.
+            drop(comings);
+            std::thread::sleep(Duration::from_micros(50));
+            comings = self.comings();
+        }
+        // What could not go stays allowed.
+        let made = comings.slots.made();
+        let budget = budget.max((made as u64 * files.cost()).min(before));
+        let room = Self::room_in(budget, files);
+        comings.slots.allow(room);
+        comings.unit = unit_of(room);
+        self.budget.store(budget, Ordering::Relaxed);
+        before - budget
     }
 
     /// Bytes that pages take now, for whoever watches.
@@ -192,6 +279,7 @@ impl PageCache {
         let ready = Instant::now();
         let read = permits::lend(|| files.read(page, &mut slot, &mut thread.scratch));
         let read_ns = nanoseconds(ready);
+        self.read_ns.fetch_add(read_ns, Ordering::Relaxed);
         let failed = u64::from(read.is_err());
         let bytes_read = read.unwrap_or_else(|error| {
             // A page without nodes.
@@ -208,7 +296,7 @@ impl PageCache {
             entry.page.store(Some(Arc::clone(&slot)));
             comings.resident.push(page);
             comings.reads += 1;
-            let now = (comings.reads / self.unit + 1) as u32;
+            let now = (comings.reads / comings.unit + 1) as u32;
             self.now.store(now, Ordering::Relaxed);
             entry.used.store(now, Ordering::Relaxed);
             comings.loading.remove(&u64::from(page))
@@ -241,7 +329,8 @@ impl PageCache {
             {
                 let mut comings = self.comings();
                 if let Some(slot) = comings.slots.take() {
-                    self.used.fetch_add(files.cost(), Ordering::Relaxed);
+                    let used = self.used.fetch_add(files.cost(), Ordering::Relaxed) + files.cost();
+                    self.peak.fetch_max(used, Ordering::Relaxed);
                     return slot;
                 }
                 if let Some(slot) = self.evict(&mut comings, files) {
@@ -295,9 +384,8 @@ impl PageCache {
         let total = counts.total();
         let misses = |bytes| self.references.misses(bytes, total.misses_compulsory);
         CacheStats {
-            budget: self.budget,
-            // Room that was taken once is kept.
-            peak: self.used.load(Ordering::Relaxed),
+            budget: self.budget(),
+            peak: self.peak(),
             index_bytes: (files.index_bytes() + size_of_val(&self.entries[..])) as u64,
             buffer_bytes: self.scratch.load(Ordering::Relaxed),
             making_bytes: 0,

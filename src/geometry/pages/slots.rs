@@ -1,49 +1,75 @@
-//! Memory for pages: slots of one size, each on a boundary that direct reads can go to, made some at a time and used
-//! again and again.
+//! Memory for pages: slots of one size, each a map of its own, so that one that is given back is the system's again at
+//! once, and so that it begins where direct reads can go to.
 //!
-//! Invariant: never more slots than the limit; none is freed before the end.
+//! Invariant: never more slots than the limit, but while some that are in use are still too many.
 
-use bytes::BytesMut;
+use memmap2::MmapMut;
+use std::alloc::{Layout, handle_alloc_error};
 
-/// Bytes that are taken from the system at once, about.
-const CHUNK: usize = 1 << 20;
-/// What direct reads go to.
-pub(super) const ALIGNMENT: usize = 4096;
+/// Maps of a process that may be torn apart: the system allows some 65,000 in all. Neighbours count as one until one in
+/// between is given back.
+const MOST_TORN: usize = 1 << 15;
 
 /// Room for a page.
-pub(super) type Slot = BytesMut;
+pub(super) type Slot = MmapMut;
 
-/// Slots that nobody has, and how many more there may be.
+/// How many slots there are, and may be.
 pub(super) struct Slots {
-    free: Vec<Slot>,
-    left: usize,
+    made: usize,
+    limit: usize,
     bytes: usize,
 }
 
 impl Slots {
-    /// At most `limit` slots of `bytes` each, whole blocks of [`ALIGNMENT`].
+    /// At most `limit` slots of `bytes` each.
     pub(super) fn new(limit: usize, bytes: usize) -> Self {
-        Self { free: Vec::new(), left: limit, bytes }
+        Self { made: 0, limit, bytes }
     }
 
-    /// One that has not been used before.
+    /// One that has not been used before, zeroed; `None` where there are as many as may be.
     pub(super) fn take(&mut self) -> Option<Slot> {
-        if self.free.is_empty() {
-            self.grow();
+        if self.made >= self.limit {
+            return None;
         }
-        self.free.pop()
+        match MmapMut::map_anon(self.bytes) {
+            Ok(slot) => {
+                self.made += 1;
+                Some(slot)
+            }
+            Err(_) if self.made > 0 => {
+                // What the system refuses cannot be used.
+                self.limit = self.made;
+                None
+            }
+            Err(_) => handle_alloc_error(Layout::array::<u8>(self.bytes).unwrap_or(Layout::new::<u8>())),
+        }
     }
 
-    fn grow(&mut self) {
-        let count = (CHUNK / self.bytes).clamp(1, self.left.max(1)).min(self.left);
-        if count == 0 {
-            return;
-        }
-        self.left -= count;
-        let mut chunk = BytesMut::zeroed(count * self.bytes + ALIGNMENT);
-        let skip = chunk.as_ptr().align_offset(ALIGNMENT);
-        drop(chunk.split_to(skip));
-        self.free.extend((0..count).map(|_| chunk.split_to(self.bytes)));
+    /// Gives `slot` back to the system.
+    pub(super) fn drop(&mut self, slot: Slot) {
+        self.made -= 1;
+        drop(slot);
+    }
+
+    /// Slots that there are.
+    pub(super) fn made(&self) -> usize {
+        self.made
+    }
+
+    /// Slots that there may be.
+    pub(super) fn limit(&self) -> usize {
+        self.limit
+    }
+
+    /// Allows so many from now on; how many of those that there are have to go.
+    pub(super) fn allow(&mut self, limit: usize) -> usize {
+        self.limit = limit;
+        self.made.saturating_sub(limit)
+    }
+
+    /// Whether slots can be given back in any order.
+    pub(super) fn can_shrink(&self) -> bool {
+        self.made <= MOST_TORN
     }
 }
 
@@ -57,12 +83,19 @@ mod tests {
             let mut slots = Slots::new(limit, bytes);
             let mut all = Vec::new();
             while let Some(mut slot) = slots.take() {
-                assert_eq!((slot.len(), slot.as_ptr().addr() % ALIGNMENT), (bytes, 0));
+                assert_eq!((slot.len(), slot.as_ptr().addr() % 4096), (bytes, 0));
                 assert!(slot.iter().all(|b| *b == 0), "somebody else has written here");
                 slot.fill(1);
                 all.push(slot);
             }
             assert_eq!(all.len(), limit);
+            let fewer = limit / 2;
+            assert_eq!(slots.allow(fewer), limit - fewer);
+            assert!(slots.take().is_none());
+            all.drain(fewer..).for_each(|slot| slots.drop(slot));
+            assert!(slots.take().is_none() && slots.made() == fewer);
+            assert_eq!(slots.allow(limit), 0);
+            assert!(slots.take().is_some());
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The pages of all paged meshes of a scene, inside a number of bytes.
 //!
-//! Invariant: bytes of pages never exceed what [`PageStore::open`] was given.
+//! Invariant: bytes of pages never exceed what [`PageStore::open`] was given, and [`PageStore::give`] less
+//! [`PageStore::take`] since.
 
 use super::cache::PageCache;
 use super::file::PageFile;
@@ -118,6 +119,42 @@ impl PageStore {
     #[must_use]
     pub fn used(&self) -> Gauge {
         self.cache().used()
+    }
+
+    /// Most bytes that pages have taken at once.
+    #[must_use]
+    pub fn peak(&self) -> u64 {
+        self.cache().peak()
+    }
+
+    /// Whether a page that comes makes another go.
+    #[must_use]
+    pub fn is_full(&self) -> bool {
+        self.cache().is_full(&self.files)
+    }
+
+    /// Pages that have come, and the seconds that threads spent reading them.
+    #[must_use]
+    pub fn read(&self) -> (u64, f64) {
+        self.cache().read()
+    }
+
+    /// Pages that caches of so many bytes would have read again, so far.
+    #[must_use]
+    pub fn again(&self, sizes: &[u64]) -> Vec<f64> {
+        self.cache().again(sizes)
+    }
+
+    /// Lets pages take `bytes` more.
+    pub fn give(&self, bytes: u64) {
+        self.cache().give(bytes, &self.files);
+    }
+
+    /// Takes up to `bytes` from pages, but leaves what `threads` threads need; how many bytes it were, which nobody uses
+    /// any more.
+    #[must_use]
+    pub fn take(&self, bytes: u64, threads: usize) -> u64 {
+        self.cache().take(bytes, self.least(threads), &self.files)
     }
 
     /// Whether no page ever has to go.

@@ -10,6 +10,7 @@ use crate::geometry::Mesh;
 use crate::math::Transform;
 use glam::Vec3;
 use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 struct NoCustom;
 
@@ -235,4 +236,66 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
             "pages came and went"
         );
     }
+}
+
+/// Two threads look while a third takes and gives: what they see is right, and what is counted stays within what is
+/// allowed at the time, and is given back.
+#[test]
+fn memory_comes_and_goes_while_pages_are_looked_at() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("sheet.ply");
+    let mut mesh = sheet(100);
+    mesh.tangents.clear();
+    std::fs::write(&path, ply(&mesh, &triangles(&mesh), "binary_little_endian")).expect("writable");
+    let page_bytes = LEAST_PAGE_BYTES;
+    let maker = PageMaker::new(Some(folder.path()), page_bytes, u64::MAX).expect("a folder is given");
+    let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
+    let named = maker.name(&source).expect("the source is there");
+    drop(maker.make(&source, &named, NEVER).expect("room in the folder"));
+    let (paged, file) = maker.find(&named).expect("it has been made");
+    let pages = paged.bounds.len() as u32;
+    let store = PageStore::new(vec![file], page_bytes).expect("few pages");
+    let all = 150 * (page_bytes as u64 + 256);
+    store.open(all, 2).expect("the least and more");
+    assert!(pages > 200 && !store.is_full(), "{pages}");
+    let sum = |page: u32| {
+        let mut sum = 0u64;
+        store.visit(page, &mut |bytes| sum = bytes.iter().map(|b| u64::from(*b)).sum());
+        sum
+    };
+    let sums: Vec<u64> = (0..pages).map(sum).collect();
+    assert!(store.is_full());
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for start in [1u32, 2] {
+            let (store, sums, done) = (&store, &sums, &done);
+            scope.spawn(move || {
+                let _held = store.hold();
+                let mut page = start;
+                while !done.load(Ordering::Relaxed) {
+                    page = page.wrapping_mul(747_796_405).wrapping_add(start);
+                    let page = page >> 8;
+                    let page = page % sums.len() as u32;
+                    store.visit(page, &mut |bytes| {
+                        let sum: u64 = bytes.iter().map(|b| u64::from(*b)).sum();
+                        assert_eq!(sum, sums[page as usize]);
+                    });
+                }
+            });
+        }
+        let used = store.used();
+        for round in 0..200u64 {
+            let taken = store.take(all / 4 * (round % 5), 2);
+            assert_eq!(store.budget(), all - taken);
+            assert!(used.load(Ordering::Relaxed) <= store.budget(), "{taken} taken");
+            store.give(taken);
+        }
+        // Ten times what there is: they keep what they need.
+        let taken = store.take(10 * all, 2);
+        assert!(taken > all / 2 && store.budget() >= store.least(2), "{taken} of {all}");
+        assert!(used.load(Ordering::Relaxed) <= store.budget());
+        done.store(true, Ordering::Relaxed);
+    });
+    let (cost, _, failures) = store.stats();
+    assert!(failures.is_empty() && cost.peak <= all, "{failures:?}");
 }

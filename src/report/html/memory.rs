@@ -19,13 +19,41 @@ pub(super) fn section(stats: &RenderStats) -> String {
     };
     format!(
         "<section><h2>Memory</h2>\n<p>Peak {}, of which {} are accounted for. Budget of all together: {}. Were everything in memory: \
-         geometry {}, textures {}.</p>\n{}{chart}</section>\n",
+         geometry {}, textures {}.</p>\n{}{chart}{}</section>\n",
         number("/memory/peak_rss", &memory.peak_rss, &known(memory.peak_rss, "unknown")),
         number("/memory/peak_accounted", &memory.peak_accounted, &bytes(memory.peak_accounted)),
         number("/memory/budget", &memory.budget, &known(memory.budget, "none")),
         number("/plan/bytes/geometry", &stats.plan.bytes.geometry, &bytes(stats.plan.bytes.geometry)),
         number("/plan/bytes/textures", &stats.plan.bytes.textures, &bytes(stats.plan.bytes.textures)),
         division(stats),
+        moves(stats),
+    )
+}
+
+/// What textures and geometry gave each other, where they may.
+fn moves(stats: &RenderStats) -> String {
+    if !stats.plan.memory.balanced {
+        return String::new();
+    }
+    let moves = &stats.memory.moves;
+    let Some(last) = moves.last() else {
+        return "<p>Textures and geometry gave each other nothing: it would have saved nothing worth it.</p>\n".to_owned();
+    };
+    let columns = [
+        ("at_s", "time since rendering began [s]"),
+        ("to", "to"),
+        ("bytes", "moved [B]"),
+        ("pages", "pages may take [B]"),
+        ("textures", "tiles may take [B]"),
+        ("saves", "reading saved [s/s]"),
+    ];
+    format!(
+        "<p>Memory went to whoever saved the most seconds with it, by the curves of what caches of other sizes would have \
+         read again: {} moves, after which pages may take {} and tiles {}.</p>\n{}\n",
+        moves.len(),
+        bytes(last.pages),
+        bytes(last.textures),
+        numbers("Every move", "/memory/moves", moves, &columns)
     )
 }
 

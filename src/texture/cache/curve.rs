@@ -16,7 +16,7 @@ impl TileCache {
         let total = counts.total();
         let (first, stay) = (total.misses_compulsory, self.alone_bytes());
         CacheStats {
-            budget: self.budget,
+            budget: self.budget(),
             peak: self.peak(),
             index_bytes: self.index_bytes(),
             buffer_bytes: self.scratch_bytes(),
@@ -42,6 +42,14 @@ impl TileCache {
         let first = lock(&self.totals).total().misses_compulsory;
         let stay = self.alone_bytes();
         self.predicted(bytes, first, stay)
+    }
+
+    /// Tiles that caches of so many bytes would have read again, so far.
+    #[must_use]
+    pub fn again(&self, sizes: &[u64]) -> Vec<f64> {
+        let stay = self.alone_bytes();
+        let others = |&bytes: &u64| bytes - stay.min(self.kept_limit(bytes));
+        self.references.again(&sizes.iter().map(others).collect::<Vec<_>>())
     }
 
     /// [`Self::predicted_misses`], with what does not depend on `bytes`: tiles read at all, and bytes

@@ -1,4 +1,4 @@
-//! Tiles of textures inside a fixed number of bytes: a sharded least-recently-used cache shared by
+//! Tiles of textures inside a number of bytes: a sharded least-recently-used cache shared by
 //! all threads, and before it a few tiles that each thread holds for itself ([`ThreadCache`]).
 //!
 //! Invariants: the bytes of all tiles, those being read and those that a thread still holds
@@ -62,7 +62,9 @@ struct CachedFile {
 
 /// The tiles of all tiled files of a scene.
 pub struct TileCache {
-    budget: u64,
+    /// Bytes that tiles may take, and what of them nobody has.
+    budget: AtomicU64,
+    left: AtomicU64,
     /// Two tiles a thread: what must be free of levels that stay.
     least: u64,
     thread_tiles: usize,
@@ -74,8 +76,10 @@ pub struct TileCache {
     kept: AtomicU64,
     /// Reads so far: the cache's time.
     clock: AtomicU64,
+    /// Time spent reading, of all threads.
+    read_ns: AtomicU64,
     /// A tile that was used so short a time ago need not be moved up again: a sixteenth of what
-    /// the cache holds. Moving it touches four cache lines of other tiles.
+    /// the cache held at first. Moving it touches four cache lines of other tiles.
     fresh: u64,
     hand: AtomicUsize,
     /// Requests that reached the shared cache.
@@ -132,7 +136,8 @@ impl TileCache {
             .saturating_sub(1)
             .clamp(1, options.thread_tiles.max(1) as u64);
         Ok(Self {
-            budget: options.budget,
+            budget: AtomicU64::new(options.budget),
+            left: AtomicU64::new(options.budget),
             least,
             thread_tiles: 1 << thread_tiles.ilog2(),
             latency: options.latency,
@@ -151,6 +156,7 @@ impl TileCache {
             peak: AtomicU64::new(0),
             kept: AtomicU64::new(0),
             clock: AtomicU64::new(0),
+            read_ns: AtomicU64::new(0),
             fresh: options.budget / largest / 16,
             hand: AtomicUsize::new(0),
             references: References::default(),
@@ -162,14 +168,44 @@ impl TileCache {
     /// Bytes that tiles may take.
     #[must_use]
     pub fn budget(&self) -> u64 {
-        self.budget
+        self.budget.load(Ordering::Relaxed)
+    }
+
+    /// Lets tiles take `bytes` more.
+    pub fn give(&self, bytes: u64) {
+        self.budget.fetch_add(bytes, Ordering::Relaxed);
+        self.left.fetch_add(bytes, Ordering::Relaxed);
+    }
+
+    /// Takes up to `bytes` of what no tile takes; how many it were. Memory of tiles that go is not the system's
+    /// again, only other tiles', so that none is made to go.
+    #[must_use]
+    pub fn take(&self, bytes: u64) -> u64 {
+        let less = |left: u64| Some(left - left.min(bytes));
+        let taken = match self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less) {
+            Ok(before) | Err(before) => before.min(bytes),
+        };
+        self.budget.fetch_sub(taken, Ordering::Relaxed);
+        taken
+    }
+
+    /// Bytes that no tile takes.
+    #[must_use]
+    pub fn left(&self) -> u64 {
+        self.left.load(Ordering::Relaxed)
+    }
+
+    /// Tiles that have been read, and the seconds that threads spent on it.
+    #[must_use]
+    pub fn read(&self) -> (u64, f64) {
+        (self.clock.load(Ordering::Relaxed), self.read_ns.load(Ordering::Relaxed) as f64 * 1e-9)
     }
 
     /// Whether no tile ever has to go to make room for another.
     #[must_use]
     pub fn fits_all(&self) -> bool {
         let all = |f: &CachedFile| u64::from(f.file.tile_count()).saturating_mul(cost(f.lines));
-        self.files.iter().map(all).fold(0, u64::saturating_add) <= self.budget
+        self.files.iter().map(all).fold(0, u64::saturating_add) <= self.budget()
     }
 
     /// Bytes that tiles take now, for whoever watches.
@@ -284,6 +320,7 @@ impl TileCache {
             }
         };
         let read_ns = nanoseconds(ready);
+        self.read_ns.fetch_add(read_ns, Ordering::Relaxed);
         let bit = 1 << (index % 64);
         let first = file.seen[index as usize / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0;
         let now = self.clock.fetch_add(1, Ordering::Relaxed);
@@ -321,7 +358,7 @@ impl TileCache {
     /// them, because most look-ups from afar end there.
     fn keeps(&self, file: &CachedFile, tile: u32) -> bool {
         let bytes = cost(file.lines);
-        let fits = |kept: u64| (kept + bytes <= self.kept_limit(self.budget)).then_some(kept + bytes);
+        let fits = |kept: u64| (kept + bytes <= self.kept_limit(self.budget())).then_some(kept + bytes);
         tile >= file.alone && self.kept.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
     }
 
@@ -330,8 +367,9 @@ impl TileCache {
     fn room(&self, lines: usize) -> Lines {
         let bytes = cost(lines);
         loop {
-            let fits = |used: u64| (used + bytes <= self.budget).then_some(used + bytes);
-            if let Ok(before) = self.used.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits) {
+            let fits = |left: u64| left.checked_sub(bytes);
+            if self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok() {
+                let before = self.used.fetch_add(bytes, Ordering::Relaxed);
                 self.peak.fetch_max(before + bytes, Ordering::Relaxed);
                 return allocate(lines);
             }
@@ -341,12 +379,18 @@ impl TileCache {
                 Some(old) => {
                     let freed = cost(old.len());
                     drop(old);
-                    self.used.fetch_sub(freed, Ordering::Relaxed);
+                    self.free(freed);
                 }
                 // All that is not in somebody's hands is being read; that ends, in the time of a read.
                 None => permits::lend(|| std::thread::sleep(Duration::from_micros(20))),
             }
         }
+    }
+
+    /// Nobody has these bytes any more.
+    fn free(&self, bytes: u64) {
+        self.used.fetch_sub(bytes, Ordering::Relaxed);
+        self.left.fetch_add(bytes, Ordering::Relaxed);
     }
 
     /// Takes the oldest of several shards' oldest tiles out; `None` when every tile is in use.

@@ -59,7 +59,7 @@ pub(super) struct Abandon<'a> {
 impl Drop for Abandon<'_> {
     fn drop(&mut self) {
         // The lines themselves went before, as locals of the reader do.
-        self.cache.used.fetch_sub(self.reserved, Ordering::Relaxed);
+        self.cache.free(self.reserved);
         let pending = self.cache.shard(self.key).loading.remove(&self.key);
         if let Some(pending) = pending {
             pending.keep(None);

@@ -242,6 +242,23 @@ fn one_run_predicts_the_misses_of_other_sizes() {
 }
 
 #[test]
+fn what_no_tile_takes_can_be_taken_and_given() {
+    let cache = cache(vec![numbers(4096)], 20 * one(4096), 1);
+    let mut thread: ThreadCache = ThreadCache::new(&cache);
+    (0..10).for_each(|tile| assert!(!thread.tile(&cache, 0, tile).is_empty()));
+    assert_eq!((cache.left(), cache.take(4 * one(4096))), (10 * one(4096), 4 * one(4096)));
+    assert_eq!(cache.budget(), 16 * one(4096));
+    assert_eq!(cache.take(u64::MAX), 6 * one(4096), "what tiles take stays theirs");
+    (10..20).for_each(|tile| assert!(!thread.tile(&cache, 0, tile).is_empty()));
+    assert_eq!((cache.budget(), cache.left(), cache.peak()), (10 * one(4096), 0, 10 * one(4096)));
+    cache.give(5 * one(4096));
+    (20..40).for_each(|tile| assert!(!thread.tile(&cache, 0, tile).is_empty()));
+    assert_eq!((cache.budget(), cache.left(), cache.peak()), (15 * one(4096), 0, 15 * one(4096)));
+    thread.finish(&cache);
+    assert_eq!(cache.read().0, 40);
+}
+
+#[test]
 fn a_reader_that_panics_leaves_nobody_waiting() {
     struct Panics(AtomicBool);
     impl TileSource for Panics {
