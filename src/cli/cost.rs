@@ -107,8 +107,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     };
     let found = cost::study(&scene, &what, &control);
     bar.clear();
-    let Found { mut study, reference, pictures } = found?;
-    study.reference.file = options.reference.as_ref().map(|path| path.display().to_string());
+    let Found { study, reference, pictures } = found?;
     if let Some(path) = &options.json {
         let mut json = serde_json::to_string_pretty(&study).expect("a record of plain data");
         json.push('\n');

@@ -85,7 +85,7 @@ impl Plan {
         let mut ladder: Vec<(u32, u32)> =
             (0..12).map(|i| 1 << i).filter(|&n| n <= most.max(spp)).map(|n| (n, RENDERS)).collect();
         // The largest count may have room for two renders.
-        if let Some(&(last, _)) = ladder.last().filter(|(last, _)| last * 2 <= most * 2 && *last > spp) {
+        if let Some(&(last, _)) = ladder.last().filter(|(last, _)| *last <= most && *last > spp) {
             ladder.push((last * 2, 2));
         }
         let reference_spp = reference_spp.clamp(spp.max(4), 1 << 20);
