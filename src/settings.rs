@@ -147,6 +147,9 @@ pub struct RenderSettings {
     pub cache_dir: Option<PathBuf>,
     /// Filter of all image textures.
     pub texture_filter: Option<TextureFilter>,
+    /// Pixels on the film that an edge of a displaced mesh may have, at most (`displacement.edgelength` of the scene bounds
+    /// it in world units besides); an eighth of it is how far drawn curves may be from their own. `None` means 2.
+    pub tessellation: Option<f32>,
     /// Warnings about what stands in for unsupported features become errors.
     pub strict: bool,
 }

@@ -77,6 +77,9 @@ pub(super) struct SettingsOptions {
     /// Filter of all image textures; else what the scene says. Alpha masks always read the finest level
     #[arg(long, value_name = "NAME")]
     texture_filter: Option<FilterName>,
+    /// Pixels of an edge of what is displaced, at most; curves are drawn to an eighth of it. 2 if not given
+    #[arg(long, value_name = "PIXELS", value_parser = values::edge_pixels, allow_negative_numbers = true)]
+    tessellation: Option<f32>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -194,6 +197,7 @@ impl SettingsOptions {
             cache_dir: self.cache_dir.clone(),
             strict: false,
             texture_filter: self.texture_filter.map(FilterName::filter),
+            tessellation: self.tessellation,
         }
     }
 }

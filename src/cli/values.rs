@@ -124,6 +124,14 @@ fn whole(text: &str, range: RangeInclusive<u32>) -> Result<u32, String> {
         .ok_or_else(|| format!("a whole number from {} to {} is needed", range.start(), range.end()))
 }
 
+/// Pixels of an edge.
+pub(super) fn edge_pixels(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if (0.01..=1e6).contains(&x) => Ok(x),
+        _ => Err("a number of pixels from 0.01 to 1000000 is needed, as in 1 or 4".to_owned()),
+    }
+}
+
 /// A share above zero, and below one.
 pub(super) fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {

@@ -1,13 +1,15 @@
 //! Reads every mesh of a scene in parallel, brings it into world space, and lists surfaces in the
 //! order the acceleration structure will know them by.
 
+use super::made::{self, Making};
 use super::pages::{Made, PageFile, PageMaker, PageStore, Source};
 use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Geometry, Hit, InstanceOf};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::prepare::is_visible;
-use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
+use crate::math::Transform;
+use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::path::PathBuf;
@@ -34,6 +36,8 @@ pub struct SceneGeometry {
     pub pages: Option<PageStore>,
     /// Most bytes that were lent to make pages.
     pub making_bytes: u64,
+    /// One line each: what a person should know of what was made.
+    pub notes: Vec<String>,
 }
 
 /// Which geometry stays and which comes and goes.
@@ -53,18 +57,20 @@ pub struct Paging {
     pub cache_dir: Option<PathBuf>,
 }
 
-/// Loads the shapes of `scene`. `stop` is asked while meshes are cut into pages, which may take long.
+/// Loads the shapes of `scene`; `making` is for those that are made. `stop` is asked while meshes are cut into pages,
+/// or divided, which may take long.
 ///
 /// # Errors
 /// [`Error::Interrupted`] when `stop` says so. The first mesh, in the scene's order, that cannot be read.
 pub fn load(
     scene: &SceneDescription,
     paging: Option<&Paging>,
+    making: &Making<'_>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SceneGeometry> {
-    let Some(paging) = paging else { return load_with(scene, None, stop) };
+    let Some(paging) = paging else { return load_with(scene, None, making, stop) };
     if let Some(expected) = paging.whole {
-        let geometry = load_with(scene, None, stop)?;
+        let geometry = load_with(scene, None, making, stop)?;
         let primitives = geometry.primitive_count();
         if primitives <= expected || geometry.bytes() + TREE_BYTES * primitives <= paging.budget {
             return Ok(geometry);
@@ -75,7 +81,7 @@ pub fn load(
     if let Some(bytes) = paging.cut_in {
         maker = maker.within(bytes);
     }
-    load_with(scene, Some((maker, paging.page_bytes)), stop)
+    load_with(scene, Some((maker, paging.page_bytes)), making, stop)
 }
 
 /// Of a primitive's share of the tree, where what was expected of meshes was a guess: 51 to 60 for triangles (`weir
@@ -85,26 +91,34 @@ const TREE_BYTES: u64 = 128;
 fn load_with(
     scene: &SceneDescription,
     maker: Option<(PageMaker, usize)>,
+    making: &Making<'_>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SceneGeometry> {
     let visible = |s: &&Shape| is_visible(scene, s);
-    let mut shapes: Vec<&Shape> = scene.shapes.iter().filter(visible).collect();
+    let places = made::all_places(scene);
+    let (of_world, of_objects) = places.split_last().expect("the world comes last");
+    let of = |places| move |shape| (shape, places);
+    let mut shapes: Vec<(&Shape, &[Transform])> =
+        scene.shapes.iter().filter(visible).map(of(&of_world[..])).collect();
     let world_count = shapes.len();
     let mut objects = Vec::with_capacity(scene.objects.len());
-    for object in &scene.objects {
+    for (object, places) in scene.objects.iter().zip(of_objects) {
         let start = shapes.len();
-        shapes.extend(object.iter().filter(visible));
+        shapes.extend(object.iter().filter(visible).map(of(&places[..])));
         objects.push(start..shapes.len());
     }
     // Collected as results first, so that the error reported is the first in the scene's order.
-    let loaded: Vec<Result<(Surface, Option<PageFile>)>> =
-        shapes.par_iter().map(|s| surface(scene, s, maker.as_ref().map(|m| &m.0), stop)).collect();
+    let loaded: Vec<Result<(Surface, Option<PageFile>, Option<String>)>> = shapes
+        .par_iter()
+        .map(|(shape, places)| surface(scene, shape, places, maker.as_ref().map(|m| &m.0), making, stop))
+        .collect();
     let loaded = loaded.into_iter().collect::<Result<Vec<_>>>()?;
-    let mut files = Vec::new();
+    let (mut files, mut notes) = (Vec::new(), Vec::new());
     let mut first = 0;
     let surfaces = loaded
         .into_iter()
-        .map(|(mut surface, file)| {
+        .map(|(mut surface, file, note)| {
+            notes.extend(note);
             if let SurfaceShape::Paged(mesh) = &mut surface.shape {
                 mesh.first = first;
                 first += mesh.bounds.len() as u32;
@@ -129,19 +143,21 @@ fn load_with(
                 .expect("surfaces are counted in u32"),
         })
         .collect();
-    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages, making_bytes })
+    Ok(SceneGeometry { surfaces, world_count, objects, instances, opacity: None, pages, making_bytes, notes })
 }
 
-/// A surface, and where its pages are if it is paged.
+/// A surface, where its pages are if it is paged, and what a person should know of it.
 fn surface(
     scene: &SceneDescription,
     shape: &Shape,
+    places: &[Transform],
     maker: Option<&PageMaker>,
+    making: &Making<'_>,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Surface, Option<PageFile>)> {
+) -> Result<(Surface, Option<PageFile>, Option<String>)> {
     let to_world = &shape.object_to_world;
     let flip = shape.reverse_orientation ^ to_world.swaps_handedness();
-    let mut file = None;
+    let (mut file, mut note) = (None, None);
     let kind = match &shape.kind {
         ShapeKind::Mesh(id) => {
             // What lights are sampled on, and what masks are read on, has to be at hand.
@@ -159,7 +175,7 @@ fn surface(
                 None => None,
             };
             if let Some((mesh, pages)) = paged.as_ref().and_then(|(maker, named, _)| maker.find(named)) {
-                return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages)));
+                return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages), None));
             }
             let made = match paged {
                 Some((maker, named, source)) => Some(maker.make(&source, &named, stop)?),
@@ -172,15 +188,12 @@ fn surface(
                 }
                 Some(Made::Stays(mesh)) => SurfaceShape::Mesh(mesh),
                 None => {
-                    let mesh = match &scene.meshes[id.index()] {
-                        MeshSource::Inline(mesh) => TriangleMesh::clone(mesh),
-                        MeshSource::Ply(path) => crate::scene::ply::read_ply(path)?,
-                        MeshSource::Loop { control, levels } => {
-                            super::loop_subdivision::subdivide(control, *levels)
-                                .map_err(|e| Error::at(&shape.at, e.to_string()))?
-                        }
-                    };
-                    SurfaceShape::Mesh(place_mesh(mesh, to_world, shape.reverse_orientation))
+                    let made = made::make(&scene.meshes[id.index()], shape, places, making, stop)?;
+                    note = (made.not_numbers > 0).then(|| {
+                        let count = made.not_numbers;
+                        format!("{}: {count} values of its displacement are no numbers; 0 stands in", shape.at)
+                    });
+                    SurfaceShape::Mesh(place_mesh(made.mesh, to_world, shape.reverse_orientation))
                 }
             }
         }
@@ -197,7 +210,7 @@ fn surface(
             Quadric::new(quadric, *to_world).expect("shapes that are neither mesh nor patches are quadrics"),
         ),
     };
-    Ok((described(shape, flip, kind), file))
+    Ok((described(shape, flip, kind), file, note))
 }
 
 fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {

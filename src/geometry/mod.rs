@@ -8,6 +8,7 @@ mod custom;
 mod flat;
 mod load;
 pub mod loop_subdivision;
+pub mod made;
 pub mod pages;
 mod patch;
 mod place;

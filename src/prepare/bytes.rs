@@ -5,7 +5,7 @@
 
 use super::{all_shapes, is_visible};
 use crate::scene::ply::MeshFacts;
-use crate::scene::{Film, MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh};
+use crate::scene::{Film, MeshSource, SceneDescription, Shape, ShapeKind, Strand, TriangleMesh};
 use crate::settings::Backend;
 
 /// Triangles from which on a mesh is cut into pages: those of smaller ones would be mostly empty.
@@ -147,7 +147,9 @@ fn page_count(facts: &MeshFacts, page_bytes: u64) -> u64 {
 
 fn mesh_facts(source: &MeshSource, header: Option<&MeshFacts>) -> MeshFacts {
     match source {
-        MeshSource::Ply(_) => header.copied().unwrap_or_default(),
+        MeshSource::Ply(_) | MeshSource::Displaced { .. } | MeshSource::Curves(_) => {
+            header.copied().unwrap_or_default()
+        }
         MeshSource::Inline(mesh) => MeshFacts {
             vertices: mesh.positions.len() as u64,
             vertex_bytes: columns(mesh) / mesh.positions.len().max(1) as u64,
@@ -163,6 +165,20 @@ fn mesh_facts(source: &MeshSource, header: Option<&MeshFacts>) -> MeshFacts {
             MeshFacts { vertices, vertex_bytes: 24, triangles, exact: true }
         }
     }
+}
+
+/// Of the square of an edge's most pixels, what a triangle covers: edges are between half of it and all.
+const TRIANGLE_PIXELS: f64 = 0.25;
+
+/// What is expected of a displaced mesh whose base has this `header`, on a film of `pixels` and with edges of
+/// `edge_pixels`: a guess, as if it filled the film once. Its vertices are not read before it is loaded.
+#[must_use]
+pub fn displaced_facts(source: &MeshSource, header: &MeshFacts, pixels: f64, edge_pixels: f64) -> MeshFacts {
+    let MeshSource::Displaced { base, .. } = source else { return *header };
+    let base = mesh_facts(base, Some(header));
+    let triangles = base.triangles + (pixels / (TRIANGLE_PIXELS * edge_pixels * edge_pixels)) as u64;
+    // Half as many vertices as triangles, with normals and texture coordinates.
+    MeshFacts { vertices: base.vertices.max(triangles / 2), vertex_bytes: 32, triangles, exact: false }
 }
 
 /// Bytes of the vertices.
@@ -191,17 +207,25 @@ pub fn light_bytes(scene: &SceneDescription, environments: u64, shining: u64) ->
     environments + (shining + scene.lights.len() as u64) * LIGHT
 }
 
+/// What a mesh takes before it is loaded.
+fn source_bytes(mesh: &MeshSource) -> u64 {
+    let own = match mesh {
+        MeshSource::Inline(mesh) | MeshSource::Loop { control: mesh, .. } => {
+            columns(mesh) + 12 * mesh.indices.len() as u64
+        }
+        MeshSource::Ply(path) => path.as_os_str().len() as u64,
+        MeshSource::Displaced { base, .. } => source_bytes(base),
+        MeshSource::Curves(strands) => strands.iter().map(Strand::bytes).sum(),
+    };
+    own + size_of::<MeshSource>() as u64
+}
+
 /// The tables of the description, and what other rooms keep in proportion to them.
 #[must_use]
 pub fn description_bytes(scene: &SceneDescription) -> u64 {
     let mut bytes = 64 << 10;
     for mesh in &scene.meshes {
-        bytes += match mesh {
-            MeshSource::Inline(mesh) | MeshSource::Loop { control: mesh, .. } => {
-                columns(mesh) + 12 * mesh.indices.len() as u64
-            }
-            MeshSource::Ply(path) => path.as_os_str().len() as u64,
-        } + size_of::<MeshSource>() as u64;
+        bytes += source_bytes(mesh);
     }
     for p in &scene.patch_meshes {
         bytes += (12 * (p.positions.len() + p.normals.len()) + 8 * p.uvs.len() + 16 * p.indices.len()) as u64;

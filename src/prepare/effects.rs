@@ -37,7 +37,7 @@ pub const EFFECTS: [&str; 15] = [
 const MISSING: [(&str, &[&str]); 4] = [
     ("bump_and_normal_maps", &["bump maps are not", "normal maps are not", "bump is not", "norm is not"]),
     ("motion_blur", &["motion blur is not"]),
-    ("displacement", &["displacement is not", "disp is not"]),
+    ("displacement", &["disp is not"]),
     ("spectral_dispersion", &["dispersion is not"]),
 ];
 
@@ -88,6 +88,8 @@ fn told(scene: &SceneDescription, effect: &str, asked: Option<&Asked>) -> Effect
             let asks = scene.warnings.iter().find(|w| said.iter().any(|text| w.message.contains(text)));
             match asks {
                 Some(w) => format!("Weir has none, though {} asks for it: {}", w.at, w.message),
+                // It has that of pbrt.
+                None if effect == "displacement" => "nothing asks for it".to_owned(),
                 None => "nothing asks for it, and Weir has none".to_owned(),
             }
         }
@@ -132,6 +134,11 @@ fn of_shape(scene: &SceneDescription, shape: &Shape, materials: &Materials, foun
         if materials.known[alpha.index()].constant.is_none() {
             found.add("textures", || format!("{}: {}", who("the opacity"), named(scene, alpha)));
         }
+    }
+    if let ShapeKind::Mesh(id) = shape.kind
+        && let MeshSource::Displaced { texture, .. } = scene.meshes[id.index()]
+    {
+        found.add("displacement", || format!("{}: {}", who("the displacement"), named(scene, texture)));
     }
     if shape.medium.is_some_and(|m| m.inside.is_some() || m.outside.is_some()) {
         found.add("media", || who("a side"));
@@ -178,7 +185,7 @@ fn pieces(scene: &SceneDescription, shape: &Shape) -> u64 {
     match &shape.kind {
         ShapeKind::Mesh(id) => match &scene.meshes[id.index()] {
             MeshSource::Inline(mesh) => mesh.indices.len() as u64,
-            MeshSource::Ply(_) | MeshSource::Loop { .. } => 2,
+            _ => 2,
         },
         ShapeKind::Patches(id) => scene.patch_meshes[id.index()].indices.len() as u64,
         _ => 1,

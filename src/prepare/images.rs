@@ -2,7 +2,9 @@
 //!
 //! Never loads one, never decides a sampling.
 
-use crate::scene::{ImageId, Material, MaterialId, SceneDescription, Texture, TextureId};
+use crate::scene::{
+    ImageId, Material, MaterialId, MeshSource, SceneDescription, ShapeKind, Texture, TextureId,
+};
 
 /// What the plan found out about an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,6 +31,11 @@ pub fn image_needs(scene: &SceneDescription) -> Vec<ImageNeeds> {
         walk.material(shape.material);
         if let Some(alpha) = shape.alpha {
             walk.texture(alpha);
+        }
+        if let ShapeKind::Mesh(id) = shape.kind
+            && let MeshSource::Displaced { texture, .. } = scene.meshes[id.index()]
+        {
+            walk.texture(texture);
         }
         if let Some(light) = shape.area_light
             && let Some(image) = scene.area_lights[light.index()].image

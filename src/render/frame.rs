@@ -255,6 +255,7 @@ impl Frames<'_, '_> {
         }
         stats.finish(&counters);
         let mut notes = textures.store().notes().to_vec();
+        notes.extend_from_slice(&geometry.notes);
         if plan.backend != settings.backend {
             notes.push(format!(
                 "all geometry does not fit into --memory with {}, which keeps it there: {} traces",

@@ -6,6 +6,7 @@
 use super::plan::{Planned, looking_up, page_bytes};
 use super::{Control, Progress};
 use crate::error::{Error, Result};
+use crate::geometry::made::{Making, wants_textures};
 use crate::geometry::{self, Opacity, Paging, SceneGeometry};
 use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights_build::load_environments;
@@ -27,7 +28,7 @@ pub(super) fn load(
     threads: usize,
     control: &Control<'_>,
 ) -> Result<(SceneGeometry, Arc<Textures>, Vec<EnvironmentMap>)> {
-    let Planned { plan, needs, images } = planned;
+    let Planned { plan, needs, images, view } = planned;
     let options = TextureOptions {
         budget: plan.texture_memory,
         threads: looking_up(&plan, threads),
@@ -45,21 +46,31 @@ pub(super) fn load(
     });
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let watch = Watch { cancel: control.cancel, progress: &converting };
-    let (geometry, (store, environments)) = rayon::join(
-        || geometry::load(scene, paging.as_ref(), &|| control.cancel.load(Ordering::Relaxed)),
-        || {
-            rayon::join(
-                || TextureStore::load_found(images, &scene.images, &needs, &options, watch),
-                || load_environments(scene),
-            )
-        },
-    );
-    let textures = Arc::new(Textures::new(scene.textures.clone(), store?, settings.texture_filter)?);
-    let mut geometry = geometry?;
+    let shapes = |textures: Option<&Textures>| {
+        let making = Making { view: &view, textures };
+        geometry::load(scene, paging.as_ref(), &making, &|| control.cancel.load(Ordering::Relaxed))
+    };
+    let images = || -> Result<(Arc<Textures>, Vec<EnvironmentMap>)> {
+        let (store, environments) = rayon::join(
+            || TextureStore::load_found(images, &scene.images, &needs, &options, watch),
+            || load_environments(scene),
+        );
+        let textures = Textures::new(scene.textures.clone(), store?, settings.texture_filter)?;
+        Ok((Arc::new(textures), environments?))
+    };
+    let (mut geometry, (textures, environments)) = if wants_textures(scene) {
+        let images = images()?;
+        (shapes(Some(&images.0))?, images)
+    } else {
+        // What images say of themselves comes first, whoever was first.
+        let (geometry, images) = rayon::join(|| shapes(None), images);
+        let images = images?;
+        (geometry?, images)
+    };
     if geometry.surfaces.iter().any(|s| s.alpha.is_some()) {
         geometry.opacity = Some(Box::new(TextureOpacity(Arc::clone(&textures))));
     }
-    Ok((geometry, textures, environments?))
+    Ok((geometry, textures, environments))
 }
 
 /// Gives pages what is left of the memory for geometry when what stays has been put in its place.

@@ -7,6 +7,7 @@ use super::stage::{effective_film, threads_of};
 use super::stream::{DEFAULT_RAY_MEMORY, least_ray_memory, workers};
 use crate::error::Result;
 use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, least_page_budget};
+use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
 use crate::prepare::{self, Headers, ImageNeeds, Least, RenderPlan};
 use crate::scene::ply::{MeshFacts, survey};
 use crate::scene::{Film, Light, MeshSource, SceneDescription};
@@ -20,6 +21,7 @@ pub(crate) struct Planned {
     pub(crate) plan: RenderPlan,
     pub(crate) needs: Vec<ImageNeeds>,
     pub(crate) images: Survey,
+    pub(crate) view: View,
 }
 
 impl Planned {
@@ -40,8 +42,18 @@ impl Planned {
         film: &Film,
         settings: &RenderSettings,
         threads: usize,
-        meshes: Vec<MeshFacts>,
+        mut meshes: Vec<MeshFacts>,
     ) -> Result<Self> {
+        let edge_pixels = settings.tessellation.unwrap_or(DEFAULT_EDGE_PIXELS);
+        let view = View::new(&scene.camera, film.size, edge_pixels);
+        let pixels = f64::from(film.size.0) * f64::from(film.size.1);
+        for (i, count) in curve_counts(scene, &view).into_iter().enumerate() {
+            if let Some((vertices, triangles)) = count {
+                meshes[i] = MeshFacts { vertices, vertex_bytes: 32, triangles, exact: true };
+            } else if matches!(scene.meshes[i], MeshSource::Displaced { .. }) {
+                meshes[i] = prepare::displaced_facts(&scene.meshes[i], &meshes[i], pixels, f64::from(edge_pixels));
+            }
+        }
         let needs = prepare::image_needs(scene);
         let images = Survey::new(&scene.images, &needs, Caching::Borrow)?;
         let headers = Headers {
@@ -52,7 +64,7 @@ impl Planned {
         };
         let limits = Limits { page_bytes: page_bytes(settings), threads, images: &images };
         let plan = prepare::plan(scene, film, &headers, &limits, settings)?;
-        Ok(Self { plan, needs, images })
+        Ok(Self { plan, needs, images, view })
     }
 }
 
@@ -70,7 +82,8 @@ pub fn plan(scene: &SceneDescription, settings: &RenderSettings) -> Result<PlanS
 fn mesh_header(mesh: &MeshSource) -> Result<MeshFacts> {
     match mesh {
         MeshSource::Ply(path) => survey(path),
-        MeshSource::Inline(_) | MeshSource::Loop { .. } => Ok(MeshFacts::default()),
+        MeshSource::Displaced { base, .. } => mesh_header(base),
+        MeshSource::Inline(_) | MeshSource::Loop { .. } | MeshSource::Curves(_) => Ok(MeshFacts::default()),
     }
 }
 

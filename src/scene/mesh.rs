@@ -1,5 +1,7 @@
 //! Vertices as they come out of a reader: plain columns, object space.
 
+use crate::scene::curve::Strand;
+use crate::scene::description::TextureId;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -53,4 +55,15 @@ pub enum MeshSource {
         /// Levels of refinement.
         levels: u32,
     },
+    /// Another mesh, refined and moved along its normals by a texture.
+    Displaced {
+        /// What is refined; never displaced itself.
+        base: Box<MeshSource>,
+        /// How far, in the units of the mesh.
+        texture: TextureId,
+        /// No edge is longer, in world units (pbrt's `displacement.edgelength`); `None`: only what is seen decides.
+        edge_length: Option<f32>,
+    },
+    /// Curves, each of its own control points.
+    Curves(Arc<Vec<Strand>>),
 }

@@ -1,6 +1,7 @@
 //! What a scene file says: flat tables, typed ids, no pixels and no vertices beyond what a file
 //! forces. Readers fill it; nothing here loads, traces or shades.
 
+pub mod curve;
 pub mod description;
 pub mod mesh;
 pub mod obj;
@@ -9,6 +10,7 @@ pub mod ply;
 mod polygon;
 mod view;
 
+pub use curve::*;
 pub use description::*;
 pub use mesh::*;
 

@@ -92,6 +92,19 @@ impl Textures {
         self.known[id.index()].wants_footprint
     }
 
+    /// Whether anything below this texture looks at surface parameters, and not at the position alone.
+    #[must_use]
+    pub fn reads_uv(&self, id: TextureId) -> bool {
+        let node = &self.nodes[id.index()];
+        let own = match node {
+            Texture::Image { mapping, .. }
+            | Texture::Checkerboard { mapping, .. }
+            | Texture::Bilerp { mapping, .. } => matches!(mapping, Mapping::Uv { .. }),
+            _ => false,
+        };
+        own || node.parts().into_iter().flatten().any(|part| self.reads_uv(part))
+    }
+
     /// The texture's value; a float is grey.
     #[inline(never)]
     #[must_use]

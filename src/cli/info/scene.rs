@@ -97,8 +97,17 @@ fn filter(filter: &Filter) -> String {
 /// Of the mesh tables, each once however often it is placed.
 fn triangles(scene: &SceneDescription) -> String {
     let (mut known, mut files, mut faces, mut unknown) = (0u64, 0u64, 0u64, 0u64);
+    let mut made = 0u64;
     for mesh in &scene.meshes {
+        let mesh = match mesh {
+            MeshSource::Displaced { base, .. } => {
+                made += 1;
+                base
+            }
+            mesh => mesh,
+        };
         match mesh {
+            MeshSource::Curves(_) | MeshSource::Displaced { .. } => made += 1,
             MeshSource::Inline(mesh) => known += mesh.indices.len() as u64,
             MeshSource::Loop { control, levels } => {
                 // Each level makes four of one.
@@ -117,6 +126,9 @@ fn triangles(scene: &SceneDescription) -> String {
     let mut text = format!("{known} in the scene file");
     if files > 0 {
         text += &format!(", {faces} faces in {files} PLY files");
+    }
+    if made > 0 {
+        text += &format!(", more as seen of {made} that are displaced or curves");
     }
     if unknown > 0 {
         text += &format!(" ({unknown} of them unreadable)");

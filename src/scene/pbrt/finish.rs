@@ -9,7 +9,8 @@ use super::state::MaterialRef;
 use super::suggest::nearest;
 use crate::error::{Error, Location, Result};
 use crate::scene::{
-    Instance, Material, MaterialId, MediumId, MediumInterface, ObjectId, SceneDescription, Shape, Texture,
+    Instance, Material, MaterialId, MediumId, MediumInterface, MeshSource, ObjectId, SceneDescription, Shape,
+    ShapeKind, Texture,
 };
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -55,6 +56,12 @@ impl Reader {
             && !matches!(self.scene.textures[id.index()], Texture::Constant(v) if v.x >= 1.0)
         {
             shape.alpha = Some(id);
+        }
+        if let (Some(p), ShapeKind::Mesh(id)) = (&refs.displacement, &shape.kind)
+            && let Some(found) = self.float_texture_opt(p, "displacement")?
+            && let MeshSource::Displaced { texture, .. } = &mut self.scene.meshes[id.index()]
+        {
+            *texture = found;
         }
         if shape.area_light.is_some() && self.scene.materials[shape.material.index()] == Material::Interface {
             let what = "a shape of interface material does not emit (in pbrt-v4 neither); it is dark";

@@ -8,6 +8,7 @@
 //! force, 1024 parameters a directive. Memory is proportional to the text. Never loads a mesh or an
 //! image, but a file that is named must exist.
 
+mod curves;
 mod directives;
 mod film;
 mod finish;

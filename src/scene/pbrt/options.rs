@@ -237,7 +237,13 @@ impl Reader {
                 flag.ok_or_else(|| bad("true or false"))?;
                 None
             }
-            "displacementedgescale" | "rendercoordsys" => None,
+            "rendercoordsys" => None,
+            "displacementedgescale" => {
+                let scale = std::str::from_utf8(value.bytes).ok().and_then(|v| v.parse::<f32>().ok());
+                let scale = scale.filter(|scale| *scale > 0.0 && scale.is_finite());
+                self.edge_scale = scale.ok_or_else(|| bad("a number above zero"))?;
+                None
+            }
             "msereferenceimage" | "msereferenceout" => {
                 if value.kind != Kind::Quoted {
                     return Err(bad("a quoted string"));

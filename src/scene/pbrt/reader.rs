@@ -152,6 +152,8 @@ pub(super) struct Reader {
     pub(super) open_files: Vec<PathBuf>,
     pub(super) includes: usize,
     pub(super) said_motion: bool,
+    /// Factor on `displacement.edgelength`.
+    pub(super) edge_scale: f32,
 }
 
 impl Reader {
@@ -184,6 +186,7 @@ impl Reader {
             open_files: Vec::new(),
             includes: 0,
             said_motion: false,
+            edge_scale: 1.0,
         }
     }
 

@@ -1,11 +1,12 @@
 //! Shapes: parameters checked, arrays put into meshes. A mesh whose indices or counts do not fit is
 //! an error at the parameter, so nothing later needs to check. Never opens a PLY file.
 
+use super::curves::strand;
 use super::params::{Params, Type};
 use super::reader::{Item, Reader, index};
 use super::state::MaterialRef;
 use crate::error::{Error, Location, Result};
-use crate::scene::{MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, Shape, ShapeKind, TriangleMesh};
+use crate::scene::{MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, Shape, ShapeKind, TextureId, TriangleMesh};
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -15,6 +16,9 @@ const POINT3: &[Type] = &[Type::Point3];
 /// Triangles that Loop subdivision may make of one mesh.
 const MAX_LOOP_TRIANGLES: u64 = 1 << 28;
 
+/// Curves that are one surface, at most.
+const MAX_STRANDS: usize = 1 << 16;
+
 /// What a shape refers to by name, until the scene has been read.
 pub(super) struct ShapeRefs {
     pub(super) material: MaterialRef,
@@ -22,13 +26,37 @@ pub(super) struct ShapeRefs {
     pub(super) outside: Rc<str>,
     /// The list that holds `alpha`, without the arrays.
     pub(super) alpha: Option<Params>,
+    /// Likewise `displacement`.
+    pub(super) displacement: Option<Params>,
+}
+
+impl ShapeRefs {
+    fn looks_like(&self, other: &Self) -> bool {
+        let masked = self.alpha.is_some() || other.alpha.is_some();
+        !masked && self.material == other.material && (&self.inside, &self.outside) == (&other.inside, &other.outside)
+    }
+}
+
+/// Puts the curves of the last mesh to those of the one before, if `before` and `last` are these.
+fn join(meshes: &mut Vec<MeshSource>, before: &ShapeKind, last: &ShapeKind) -> bool {
+    let n = meshes.len();
+    let at = |kind: &ShapeKind| if let ShapeKind::Mesh(id) = kind { Some(id.index() + 1) } else { None };
+    if at(last) != Some(n) || at(before).map(|id| id + 1) != Some(n) {
+        return false;
+    }
+    let [.., MeshSource::Curves(strands), MeshSource::Curves(more)] = &mut meshes[..] else { return false };
+    let Some(strands) = Arc::get_mut(strands).filter(|strands| strands.len() < MAX_STRANDS) else { return false };
+    strands.extend_from_slice(more);
+    meshes.pop();
+    true
 }
 
 impl Reader {
     pub(super) fn shape(&mut self, item: Item) -> Result<()> {
         let p = &item.params;
-        let Some(kind) = self.shape_kind(&item)? else { return Ok(()) };
+        let mut kind = self.shape_kind(&item)?;
         let alpha = p.keep("alpha", &[Type::Float, Type::Texture]);
+        let displacement = self.displaced(p, &mut kind)?;
         p.finish()?;
         let mut area_light = self.state.area_light;
         if area_light.is_some() && self.open_object.is_some() {
@@ -52,20 +80,31 @@ impl Reader {
             inside: self.state.inside.clone(),
             outside: self.state.outside.clone(),
             alpha,
+            displacement,
         };
         let (shapes, all) = match self.open_object {
             Some(id) => (&mut self.scene.objects[id.index()], &mut self.object_refs[id.index()]),
             None => (&mut self.scene.shapes, &mut self.shape_refs),
         };
+        // Hair is thousands of curves of one look: they are one surface.
+        if let (Some(before), Some(refs_before)) = (shapes.last(), all.last())
+            && refs.looks_like(refs_before)
+            && before.object_to_world == shape.object_to_world
+            && before.reverse_orientation == shape.reverse_orientation
+            && before.area_light.is_none()
+            && shape.area_light.is_none()
+            && join(&mut self.scene.meshes, &before.kind, &shape.kind)
+        {
+            return Ok(());
+        }
         shapes.push(shape);
         all.push(refs);
         Ok(())
     }
 
-    /// `None` for a shape that is known and skipped.
-    fn shape_kind(&mut self, item: &Item) -> Result<Option<ShapeKind>> {
+    fn shape_kind(&mut self, item: &Item) -> Result<ShapeKind> {
         let p = &item.params;
-        Ok(Some(match &*item.name {
+        Ok(match &*item.name {
             "sphere" => {
                 let radius = p.positive("radius", 1.0)?;
                 let (z0, z1) = (p.float("zmin", -radius)?, p.float("zmax", radius)?);
@@ -119,11 +158,6 @@ impl Reader {
                     return Err(Error::at(&p.at, "plymesh needs \"string filename\"; name a PLY file"));
                 };
                 let path = self.files.require(name, at)?;
-                p.float("displacement.edgelength", 1.0)?;
-                if p.find("displacement", &[Type::Texture]).is_some() {
-                    let what = "displacement is not supported; the surface stays smooth";
-                    self.warnings.add(p.place("displacement"), what);
-                }
                 ShapeKind::Mesh(self.mesh(MeshSource::Ply(path))?)
             }
             "bilinearmesh" => {
@@ -137,24 +171,34 @@ impl Reader {
                 ShapeKind::Patches(id)
             }
             "curve" => {
-                p.accept(&[
-                    "P",
-                    "degree",
-                    "basis",
-                    "type",
-                    "N",
-                    "width",
-                    "width0",
-                    "width1",
-                    "splitdepth",
-                    "alpha",
-                ]);
-                p.finish()?;
-                self.warnings.add(&p.at, "shape \"curve\" is not supported; it is left out");
-                return Ok(None);
+                let strand = strand(p)?;
+                ShapeKind::Mesh(self.mesh(MeshSource::Curves(Arc::new(vec![strand])))?)
             }
             _ => return Err(item.unknown("shape", "shapes", &KINDS)),
-        }))
+        })
+    }
+
+    /// Wraps the mesh of `kind` where the shape is displaced; pbrt-v4 displaces `plymesh` alone.
+    fn displaced(&mut self, p: &Params, kind: &mut ShapeKind) -> Result<Option<Params>> {
+        let ShapeKind::Mesh(id) = kind else { return Ok(None) };
+        let source = &mut self.scene.meshes[id.index()];
+        if matches!(source, MeshSource::Curves(_)) {
+            return Ok(None);
+        }
+        let edge_length = match p.float_opt("displacement.edgelength")? {
+            Some(length) if !(length > 0.0) => {
+                let what = format!("\"displacement.edgelength\" is {length}; it must be positive");
+                return Err(p.error("displacement.edgelength", what));
+            }
+            length => length.map(|length| length * self.edge_scale),
+        };
+        let displacement = p.keep("displacement", &[Type::Texture]);
+        if displacement.is_some() {
+            let base = Box::new(std::mem::replace(source, MeshSource::Curves(Arc::default())));
+            // The texture is not known before the scene ends.
+            *source = MeshSource::Displaced { base, texture: TextureId(0), edge_length };
+        }
+        Ok(displacement)
     }
 
     fn mesh(&mut self, source: MeshSource) -> Result<MeshId> {

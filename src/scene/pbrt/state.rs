@@ -12,7 +12,7 @@ use std::rc::Rc;
 pub(super) const MAX_NESTING: usize = 1 << 16;
 
 /// Which material shapes get.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum MaterialRef {
     /// The n-th `Material` directive; 0 is pbrt's default, diffuse .5.
     Unnamed(u32),

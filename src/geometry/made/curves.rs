@@ -1,0 +1,263 @@
+//! Curves as triangles: tubes for `flat` and `cylinder`, strips for `ribbon`.
+//!
+//! A flat curve of pbrt turns to every ray, which no fixed triangle can: a tube has the same outline from everywhere,
+//! and is shaded as round. A tube of k sides is as wide as the curve in the mean over all directions.
+//!
+//! Invariant: centre line and outline are within an eighth of the pixels that an edge may have (a quarter of a pixel, as
+//! long as nobody asks for another) of the curve's own, up to 63 sides and 1024 pieces a segment. u runs along each
+//! segment, v around or across it, from 0 to 1. Never closes an end, as pbrt does not.
+
+use super::Place;
+use super::refine::MAX_TRIANGLES;
+use super::view::{Seen, View, stretch};
+use crate::error::{Error, Result};
+use crate::math::DVec3;
+use crate::scene::{CurveKind, Strand, TriangleMesh};
+use rayon::prelude::*;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Of an edge's pixels: how far what is drawn may be from the curve.
+const OUTLINE: f64 = 1.0 / 8.0;
+/// Fewest and most sides of a tube. With an odd number widths differ least between directions.
+const SIDES: [f64; 2] = [3.0, 63.0];
+/// Most pieces of a segment.
+const MOST_PIECES: f64 = 1024.0;
+/// Spheres around a segment, to know how near it is.
+const SPHERES: u32 = 8;
+/// Tubes go on where segments meet within about 5°; else there is a kink, open as in pbrt.
+const STRAIGHT_COSINE: f64 = 0.996;
+
+/// How finely a strand is drawn.
+struct Rates {
+    /// Of its tube; 1 for a ribbon.
+    sides: u32,
+    /// Pieces of each segment.
+    pieces: Vec<u32>,
+}
+
+/// All `strands` in one mesh, in their own space.
+pub(super) fn draw(strands: &[Strand], place: &Place<'_>, view: &View) -> Result<TriangleMesh> {
+    let rates = all_rates(strands, place, view);
+    let triangles: u64 = rates.iter().zip(strands).map(|(rates, strand)| rates.count(strand).1).sum();
+    if triangles > MAX_TRIANGLES as u64 {
+        return Err(Error::Resource(format!(
+            "{triangles} triangles would be made of its curves, and {MAX_TRIANGLES} can be; a larger --tessellation makes \
+             fewer"
+        )));
+    }
+    let drawn: Vec<TriangleMesh> =
+        strands.par_iter().zip(&rates).map(|(strand, rates)| draw_one(strand, rates)).collect();
+    let mut mesh = TriangleMesh::default();
+    for TriangleMesh { positions, normals, uvs, indices, .. } in drawn {
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend(positions);
+        mesh.normals.extend(normals);
+        mesh.uvs.extend(uvs);
+        mesh.indices.extend(indices.into_iter().map(|t| t.map(|v| v + first)));
+    }
+    Ok(mesh)
+}
+
+/// Vertices and triangles that [`draw`] makes.
+pub(super) fn count(strands: &[Strand], place: &Place<'_>, view: &View) -> (u64, u64) {
+    let rates = all_rates(strands, place, view);
+    let counts = rates.iter().zip(strands).map(|(rates, strand)| rates.count(strand));
+    counts.fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1))
+}
+
+fn all_rates(strands: &[Strand], place: &Place<'_>, view: &View) -> Vec<Rates> {
+    let points = || strands.iter().flat_map(|s| s.points.iter().flatten());
+    let points = points().map(|&p| place.to_world.point_f64(vector(p))).filter(|p| p.is_finite());
+    let (low, high) =
+        points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
+    let seen = Seen::new(view, place.places, 0.5 * (low + high), 0.5 * (high - low).length());
+    strands.par_iter().map(|strand| Rates::new(strand, place, &seen, view.edge_pixels() * OUTLINE)).collect()
+}
+
+fn vector(p: [f32; 3]) -> DVec3 {
+    glam::Vec3::from(p).as_dvec3()
+}
+
+impl Rates {
+    /// So that nothing is off by more than `pixels`.
+    fn new(strand: &Strand, place: &Place<'_>, seen: &Seen<'_>, pixels: f64) -> Self {
+        let scale = stretch(&place.to_world.m);
+        let radius = 0.5 * f64::from(strand.widths[0].abs().max(strand.widths[1].abs()));
+        let of_segment = |points: &[[f32; 3]; 4]| {
+            let points = points.map(vector);
+            let spheres = (0..SPHERES).map(|i| {
+                let part = part(&points, f64::from(i) / f64::from(SPHERES), f64::from(i + 1) / f64::from(SPHERES));
+                let centre = 0.5 * (part[0] + part[3]);
+                let reach = part.iter().map(|p| p.distance(centre)).fold(0.0, f64::max) + radius;
+                seen.pixels_per_unit(place.to_world.point_f64(centre), scale * reach) * scale
+            });
+            spheres.fold(0.0, f64::max)
+        };
+        let units: Vec<f64> = strand.points.iter().map(of_segment).collect();
+        let most = units.iter().copied().fold(0.0, f64::max);
+        // A regular polygon is within r (1 - cos(π / k)) of its circle.
+        let half = |radius_pixels: f64| (1.0 - pixels / radius_pixels).max(0.0).acos();
+        let sides = if strand.kind == CurveKind::Ribbon {
+            1
+        } else {
+            (PI / half(most * radius)).ceil().clamp(SIDES[0], SIDES[1]) as u32
+        };
+        let pieces = strand.points.iter().zip(&units).map(|(points, unit)| {
+            let [a, b, c, d] = points.map(vector);
+            // A cubic's second derivative is six times its second differences at most, and a chord is off by an eighth
+            // of that over the square of their number.
+            let bend = (a - 2.0 * b + c).length().max((b - 2.0 * c + d).length());
+            let along = (0.75 * bend * unit / pixels).sqrt();
+            // The outer side of a bend is as far from its chords as a circle is.
+            let angle = |p: DVec3, q: DVec3| if p.length() * q.length() > 0.0 { p.angle_between(q) } else { 0.0 };
+            let turn = angle(b - a, c - b) + angle(c - b, d - c);
+            let around = turn / (2.0 * half(unit * radius)).min(FRAC_PI_2);
+            along.max(around).ceil().clamp(1.0, MOST_PIECES) as u32
+        });
+        Self { sides, pieces: pieces.collect() }
+    }
+
+    /// Vertices and triangles.
+    fn count(&self, strand: &Strand) -> (u64, u64) {
+        let (mut vertices, mut triangles) = (0, 0);
+        for (segment, &pieces) in self.pieces.iter().enumerate() {
+            let empty = (0..=pieces).filter(|&i| width(strand, segment, i, pieces) == 0.0).count() as u64;
+            if empty == u64::from(pieces) + 1 {
+                continue;
+            }
+            vertices += u64::from(pieces + 1) * u64::from(self.sides + 1);
+            // Where the curve has no width, one triangle of each quadrilateral on either side is none.
+            let inner = (1..pieces).filter(|&i| width(strand, segment, i, pieces) == 0.0).count() as u64;
+            triangles += u64::from(self.sides) * (2 * u64::from(pieces) - empty - inner);
+        }
+        (vertices, triangles)
+    }
+}
+
+/// The control points of a part of a cubic.
+fn part(p: &[DVec3; 4], from: f64, to: f64) -> [DVec3; 4] {
+    let blossom = |s: f64, t: f64, u: f64| {
+        let [a, b, c] = [p[0].lerp(p[1], s), p[1].lerp(p[2], s), p[2].lerp(p[3], s)];
+        let [a, b] = [a.lerp(b, t), b.lerp(c, t)];
+        a.lerp(b, u)
+    };
+    [blossom(from, from, from), blossom(from, from, to), blossom(from, to, to), blossom(to, to, to)]
+}
+
+/// Width of a strand before piece `i` of `pieces` of a segment.
+fn width(strand: &Strand, segment: usize, i: u32, pieces: u32) -> f64 {
+    let [w0, w1] = strand.widths.map(f64::from);
+    let t = (segment as f64 + f64::from(i) / f64::from(pieces)) / strand.points.len() as f64;
+    (w0 + (w1 - w0) * t).abs()
+}
+
+/// A point of a cubic and the unit direction there; none where all control points are one.
+fn at(p: &[DVec3; 4], u: f64) -> (DVec3, Option<DVec3>) {
+    // The ends are the control points themselves, so that segments meet.
+    let v = 1.0 - u;
+    let point = v * v * v * p[0] + 3.0 * v * v * u * p[1] + 3.0 * v * u * u * p[2] + u * u * u * p[3];
+    let slope = v * v * (p[1] - p[0]) + 2.0 * v * u * (p[2] - p[1]) + u * u * (p[3] - p[2]);
+    // At an end where control points coincide, towards the next that does not.
+    let towards = || {
+        let (from, others) = if u < 0.5 { (p[0], [p[1], p[2], p[3]]) } else { (p[3], [p[2], p[1], p[0]]) };
+        let sign = if u < 0.5 { 1.0 } else { -1.0 };
+        others.into_iter().find_map(|other| ((other - from) * sign).try_normalize())
+    };
+    (point, slope.try_normalize().or_else(towards))
+}
+
+fn across(direction: DVec3, before: DVec3) -> DVec3 {
+    (before - direction * before.dot(direction)).try_normalize().unwrap_or_else(|| direction.any_orthonormal_vector())
+}
+
+fn draw_one(strand: &Strand, rates: &Rates) -> TriangleMesh {
+    let mut mesh = TriangleMesh::default();
+    let mut frame: Option<(DVec3, DVec3, DVec3)> = None;
+    for (segment, (points, &pieces)) in strand.points.iter().zip(&rates.pieces).enumerate() {
+        let points = points.map(vector);
+        if (0..=pieces).all(|i| width(strand, segment, i, pieces) == 0.0) {
+            continue;
+        }
+        let first = mesh.positions.len() as u32;
+        for i in 0..=pieces {
+            let u = f64::from(i) / f64::from(pieces);
+            let (point, direction) = at(&points, u);
+            let (mut direction, before) = match (direction, frame) {
+                (Some(direction), Some((_, _, side))) => (direction, across(direction, side)),
+                (None, Some((_, direction, side))) => (direction, side),
+                (direction, None) => {
+                    let direction = direction.unwrap_or(DVec3::Z);
+                    (direction, direction.any_orthonormal_vector())
+                }
+            };
+            let mut side = before;
+            // The first ring of a segment is the last of the one before.
+            if let Some((end, along, last)) = frame
+                && i == 0
+                && end == point
+                && along.dot(direction) >= STRAIGHT_COSINE
+            {
+                (direction, side) = (along, last);
+            }
+            frame = Some((point, direction, side));
+            let half = 0.5 * width(strand, segment, i, pieces);
+            if strand.kind == CurveKind::Ribbon {
+                ribbon(&mut mesh, point, direction, half, u, normal(strand, segment, u));
+            } else {
+                ring(&mut mesh, point, direction, side, half, u, rates.sides);
+            }
+        }
+        let row = rates.sides + 1;
+        for i in 0..pieces {
+            let [closed, closes] = [i, i + 1].map(|i| width(strand, segment, i, pieces) == 0.0);
+            for j in 0..rates.sides {
+                let a = first + i * row + j;
+                let (b, c, d) = (a + row, a + 1, a + row + 1);
+                if !closes {
+                    mesh.indices.push([a, b, d]);
+                }
+                if !closed {
+                    mesh.indices.push([a, d, c]);
+                }
+            }
+        }
+    }
+    mesh
+}
+
+fn push(mesh: &mut TriangleMesh, p: DVec3, n: DVec3, uv: [f64; 2]) {
+    mesh.positions.push(p.as_vec3().to_array());
+    mesh.normals.push(n.as_vec3().to_array());
+    mesh.uvs.push(uv.map(|c| c as f32));
+}
+
+fn ring(mesh: &mut TriangleMesh, point: DVec3, direction: DVec3, side: DVec3, half: f64, u: f64, sides: u32) {
+    let other = side.cross(direction);
+    // The mean width of a convex outline is its length over π.
+    let k = f64::from(sides);
+    let radius = half * PI / (k * (PI / k).sin());
+    for j in 0..=sides {
+        // The seam of v is one place to the bit.
+        let (sin, cos) = (2.0 * PI * f64::from(j % sides) / k).sin_cos();
+        let out = side * cos + other * sin;
+        push(mesh, point + radius * out, out, [u, f64::from(j) / k]);
+    }
+}
+
+fn ribbon(mesh: &mut TriangleMesh, point: DVec3, direction: DVec3, half: f64, u: f64, normal: DVec3) {
+    let across = normal.cross(direction).normalize_or_zero();
+    let n = direction.cross(across);
+    push(mesh, point - half * across, n, [u, 0.0]);
+    push(mesh, point + half * across, n, [u, 1.0]);
+}
+
+/// Between those at the ends of a segment, at constant speed.
+fn normal(strand: &Strand, segment: usize, u: f64) -> DVec3 {
+    let [a, b] = [0, 1].map(|i| vector(strand.normals[segment + i]).normalize_or_zero());
+    let angle = a.angle_between(b);
+    if angle.sin() > 0.0 {
+        (a * ((1.0 - u) * angle).sin() + b * (u * angle).sin()) / angle.sin()
+    } else {
+        a
+    }
+}

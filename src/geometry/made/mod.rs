@@ -1,0 +1,115 @@
+//! Geometry that is made, not read: displaced meshes and curves, from a control shape and the camera.
+//!
+//! Invariant: what is made depends on the control shape, where it is placed, the camera and the film, never on a ray or
+//! the number of threads. An edge's rate follows from its end points alone, and what is at one place before it is moved
+//! is at one place afterwards, so that nothing opens. Never asks for what a ray will need.
+
+mod curves;
+mod displace;
+mod refine;
+mod seams;
+mod view;
+
+pub use refine::MAX_TRIANGLES;
+pub use view::{DEFAULT_EDGE_PIXELS, View};
+
+use crate::error::{Error, Result};
+use crate::math::Transform;
+use crate::prepare::is_visible;
+use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh};
+use crate::texture::Textures;
+
+/// What makers are given.
+#[derive(Clone, Copy)]
+pub struct Making<'a> {
+    /// The camera.
+    pub view: &'a View,
+    /// For displacement; there where something is displaced.
+    pub textures: Option<&'a Textures>,
+}
+
+/// Where a shape is in the world.
+pub(super) struct Place<'a> {
+    /// To world space, or to the space of its object.
+    pub(super) to_world: &'a Transform,
+    /// And from there to the world, in every place it has.
+    pub(super) places: &'a [Transform],
+}
+
+/// A mesh in its own space, and what a person should know of it.
+pub(super) struct MadeMesh {
+    pub(super) mesh: TriangleMesh,
+    /// Values of its texture that were no numbers.
+    pub(super) not_numbers: u64,
+}
+
+/// The mesh that `shape` stands for, in the space of its control shape.
+pub(super) fn make(
+    source: &MeshSource,
+    shape: &Shape,
+    places: &[Transform],
+    making: &Making<'_>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<MadeMesh> {
+    let placed = |e: Error| match e {
+        Error::Resource(what) => Error::at(&shape.at, what),
+        other => other,
+    };
+    let place = Place { to_world: &shape.object_to_world, places };
+    Ok(match source {
+        MeshSource::Inline(mesh) => MadeMesh { mesh: TriangleMesh::clone(mesh), not_numbers: 0 },
+        MeshSource::Ply(path) => MadeMesh { mesh: crate::scene::ply::read_ply(path)?, not_numbers: 0 },
+        MeshSource::Loop { control, levels } => {
+            let mesh = super::loop_subdivision::subdivide(control, *levels);
+            let mesh = mesh.map_err(|e| Error::at(&shape.at, e.to_string()))?;
+            MadeMesh { mesh, not_numbers: 0 }
+        }
+        MeshSource::Curves(strands) => {
+            MadeMesh { mesh: curves::draw(strands, &place, making.view).map_err(placed)?, not_numbers: 0 }
+        }
+        MeshSource::Displaced { base, texture, edge_length } => {
+            let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
+            let textures = making.textures.expect("who loads a displaced mesh has its texture");
+            let moved = displace::Displacement { texture: *texture, edge_length: *edge_length, textures };
+            moved.apply(base, &place, making.view, stop).map_err(placed)?
+        }
+    })
+}
+
+/// Of each object of `scene`, and of the world last, the places where it stands.
+pub(super) fn all_places(scene: &SceneDescription) -> Vec<Vec<Transform>> {
+    let mut places = vec![Vec::new(); scene.objects.len()];
+    for instance in &scene.instances {
+        places[instance.object.index()].push(instance.instance_to_world);
+    }
+    places.push(vec![Transform::IDENTITY]);
+    places
+}
+
+/// Whether something that is seen is displaced, so that textures have to be there before geometry.
+#[must_use]
+pub fn wants_textures(scene: &SceneDescription) -> bool {
+    let displaced = |s: &Shape| match &s.kind {
+        ShapeKind::Mesh(id) => matches!(scene.meshes[id.index()], MeshSource::Displaced { .. }),
+        _ => false,
+    };
+    scene.shapes.iter().chain(scene.objects.iter().flatten()).any(|s| displaced(s) && is_visible(scene, s))
+}
+
+/// Vertices and triangles that will be made of each mesh of curves, by the index of the mesh; exact.
+#[must_use]
+pub fn curve_counts(scene: &SceneDescription, view: &View) -> Vec<Option<(u64, u64)>> {
+    let mut counts = vec![None; scene.meshes.len()];
+    let places = all_places(scene);
+    let world = scene.shapes.iter().map(|s| (s, scene.objects.len()));
+    let objects = scene.objects.iter().enumerate().flat_map(|(i, shapes)| shapes.iter().map(move |s| (s, i)));
+    for (shape, object) in world.chain(objects) {
+        if let ShapeKind::Mesh(id) = shape.kind
+            && let MeshSource::Curves(strands) = &scene.meshes[id.index()]
+        {
+            let place = Place { to_world: &shape.object_to_world, places: &places[object] };
+            counts[id.index()] = Some(curves::count(strands, &place, view));
+        }
+    }
+    counts
+}
