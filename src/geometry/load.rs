@@ -7,8 +7,8 @@ use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Geometry, Hit, InstanceOf};
 use crate::error::Result;
-use crate::prepare::is_visible;
 use crate::math::Transform;
+use crate::prepare::is_visible;
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -108,7 +108,7 @@ fn load_with(
         objects.push(start..shapes.len());
     }
     // Collected as results first, so that the error reported is the first in the scene's order.
-    let loaded: Vec<Result<(Surface, Option<PageFile>, Option<String>)>> = shapes
+    let loaded: Vec<Result<Loaded>> = shapes
         .par_iter()
         .map(|(shape, places)| surface(scene, shape, places, maker.as_ref().map(|m| &m.0), making, stop))
         .collect();
@@ -147,6 +147,8 @@ fn load_with(
 }
 
 /// A surface, where its pages are if it is paged, and what a person should know of it.
+type Loaded = (Surface, Option<PageFile>, Option<String>);
+
 fn surface(
     scene: &SceneDescription,
     shape: &Shape,
@@ -154,7 +156,7 @@ fn surface(
     maker: Option<&PageMaker>,
     making: &Making<'_>,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(Surface, Option<PageFile>, Option<String>)> {
+) -> Result<Loaded> {
     let to_world = &shape.object_to_world;
     let flip = shape.reverse_orientation ^ to_world.swaps_handedness();
     let (mut file, mut note) = (None, None);
@@ -191,7 +193,10 @@ fn surface(
                     let made = made::make(&scene.meshes[id.index()], shape, places, making, stop)?;
                     note = (made.not_numbers > 0).then(|| {
                         let count = made.not_numbers;
-                        format!("{}: {count} values of its displacement are no numbers; 0 stands in", shape.at)
+                        format!(
+                            "{}: {count} values of its displacement are no numbers; 0 stands in",
+                            shape.at
+                        )
                     });
                     SurfaceShape::Mesh(place_mesh(made.mesh, to_world, shape.reverse_orientation))
                 }

@@ -170,13 +170,16 @@ fn patch_tangents(patches: &Patches, hit: &Hit) -> Tangents {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::made::{Making, View};
     use crate::geometry::{Needs, SceneGeometry, load};
     use crate::scene::pbrt::parse_str;
     use std::path::Path;
 
     fn geometry(shape: &str) -> SceneGeometry {
         let scene = parse_str(&format!("WorldBegin\n{shape}\n"), Path::new("test.pbrt")).expect("a scene");
-        load(&scene, None, &|| false).expect("geometry")
+        let view = View::new(&scene.camera, (1, 1), 1.0);
+        let making = Making { view: &view, textures: None };
+        load(&scene, None, &making, &|| false).expect("geometry")
     }
 
     /// Change of (u, v) along `h`, which must come out the same as either axis.

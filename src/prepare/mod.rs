@@ -11,7 +11,9 @@ mod images;
 mod schedule;
 mod textures;
 
-pub use bytes::{GeometryBytes, displaced_facts, LEAST_PAGED, description_bytes, film_bytes, geometry_bytes, light_bytes};
+pub use bytes::{
+    GeometryBytes, LEAST_PAGED, description_bytes, displaced_facts, film_bytes, geometry_bytes, light_bytes,
+};
 pub use divide::{Division, Least, divide};
 pub use effects::{EFFECTS, effects};
 pub use images::{ImageNeeds, image_needs};

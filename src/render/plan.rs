@@ -6,8 +6,8 @@
 use super::stage::{effective_film, threads_of};
 use super::stream::{DEFAULT_RAY_MEMORY, least_ray_memory, workers};
 use crate::error::Result;
-use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, least_page_budget};
 use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
+use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, least_page_budget};
 use crate::prepare::{self, Headers, ImageNeeds, Least, RenderPlan};
 use crate::scene::ply::{MeshFacts, survey};
 use crate::scene::{Film, Light, MeshSource, SceneDescription};
@@ -51,7 +51,8 @@ impl Planned {
             if let Some((vertices, triangles)) = count {
                 meshes[i] = MeshFacts { vertices, vertex_bytes: 32, triangles, exact: true };
             } else if matches!(scene.meshes[i], MeshSource::Displaced { .. }) {
-                meshes[i] = prepare::displaced_facts(&scene.meshes[i], &meshes[i], pixels, f64::from(edge_pixels));
+                meshes[i] =
+                    prepare::displaced_facts(&scene.meshes[i], &meshes[i], pixels, f64::from(edge_pixels));
             }
         }
         let needs = prepare::image_needs(scene);

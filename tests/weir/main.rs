@@ -29,6 +29,7 @@ mod cost;
 mod embree_abi;
 mod generate;
 mod hard;
+mod made;
 mod order;
 mod page;
 mod pages;

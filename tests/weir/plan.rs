@@ -141,9 +141,10 @@ fn what_weir_has_not_is_off_and_says_who_asks() {
         assert!(effect.because.starts_with("Weir has none"), "{}", effect.because);
     }
     let plain = planned(&scene(at, "Camera \"perspective\"", SUN, "", ""), &RenderSettings::default());
-    for name in ["motion_blur", "bump_and_normal_maps", "displacement", "spectral_dispersion"] {
+    for name in ["motion_blur", "bump_and_normal_maps", "spectral_dispersion"] {
         assert_eq!(plain.effects[name].because, "nothing asks for it, and Weir has none");
     }
+    assert_eq!(plain.effects["displacement"].because, "nothing asks for it");
 }
 
 /// The share by which an expectation may be off, either way.

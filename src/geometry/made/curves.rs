@@ -86,7 +86,8 @@ impl Rates {
         let of_segment = |points: &[[f32; 3]; 4]| {
             let points = points.map(vector);
             let spheres = (0..SPHERES).map(|i| {
-                let part = part(&points, f64::from(i) / f64::from(SPHERES), f64::from(i + 1) / f64::from(SPHERES));
+                let part =
+                    part(&points, f64::from(i) / f64::from(SPHERES), f64::from(i + 1) / f64::from(SPHERES));
                 let centre = 0.5 * (part[0] + part[3]);
                 let reach = part.iter().map(|p| p.distance(centre)).fold(0.0, f64::max) + radius;
                 seen.pixels_per_unit(place.to_world.point_f64(centre), scale * reach) * scale
@@ -109,7 +110,8 @@ impl Rates {
             let bend = (a - 2.0 * b + c).length().max((b - 2.0 * c + d).length());
             let along = (0.75 * bend * unit / pixels).sqrt();
             // The outer side of a bend is as far from its chords as a circle is.
-            let angle = |p: DVec3, q: DVec3| if p.length() * q.length() > 0.0 { p.angle_between(q) } else { 0.0 };
+            let angle =
+                |p: DVec3, q: DVec3| if p.length() * q.length() > 0.0 { p.angle_between(q) } else { 0.0 };
             let turn = angle(b - a, c - b) + angle(c - b, d - c);
             let around = turn / (2.0 * half(unit * radius)).min(FRAC_PI_2);
             along.max(around).ceil().clamp(1.0, MOST_PIECES) as u32
@@ -167,7 +169,9 @@ fn at(p: &[DVec3; 4], u: f64) -> (DVec3, Option<DVec3>) {
 }
 
 fn across(direction: DVec3, before: DVec3) -> DVec3 {
-    (before - direction * before.dot(direction)).try_normalize().unwrap_or_else(|| direction.any_orthonormal_vector())
+    (before - direction * before.dot(direction))
+        .try_normalize()
+        .unwrap_or_else(|| direction.any_orthonormal_vector())
 }
 
 fn draw_one(strand: &Strand, rates: &Rates) -> TriangleMesh {
@@ -255,9 +259,5 @@ fn ribbon(mesh: &mut TriangleMesh, point: DVec3, direction: DVec3, half: f64, u:
 fn normal(strand: &Strand, segment: usize, u: f64) -> DVec3 {
     let [a, b] = [0, 1].map(|i| vector(strand.normals[segment + i]).normalize_or_zero());
     let angle = a.angle_between(b);
-    if angle.sin() > 0.0 {
-        (a * ((1.0 - u) * angle).sin() + b * (u * angle).sin()) / angle.sin()
-    } else {
-        a
-    }
+    if angle.sin() > 0.0 { (a * ((1.0 - u) * angle).sin() + b * (u * angle).sin()) / angle.sin() } else { a }
 }

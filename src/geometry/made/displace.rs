@@ -4,7 +4,7 @@
 //! Invariant: vertices of one place stay at one place to the bit: where a texture's coordinates or normals begin anew,
 //! all versions of the vertex move by the mean of what each would move by. Never moves a vertex by what is no number.
 
-use super::refine::Refined;
+use super::refine::{MAX_TRIANGLES, Refined, too_many};
 use super::seams::{self, Groups};
 use super::view::{Seen, View};
 use super::{MadeMesh, Place};
@@ -61,7 +61,7 @@ impl Displacement<'_> {
         Ok(self.displace(refined, place))
     }
 
-    fn divide(
+    pub(super) fn divide(
         &self,
         mesh: Refined,
         place: &Place<'_>,
@@ -82,15 +82,25 @@ impl Displacement<'_> {
         };
         let least = mesh.triangles.par_iter().map(longest).reduce(|| 0.0, f64::max) * LEAST_EDGE;
         let most = self.edge_length.map_or(f64::INFINITY, f64::from);
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(at);
+            Some(0.5 * (b - a).cross(c - a).length()).filter(|area| area.is_finite()).unwrap_or(0.0)
+        };
+        let areas: f64 = mesh.triangles.iter().map(area).sum();
+        // No triangle of such edges is larger than the equilateral one: what cannot be is said before it is tried.
+        let at_least = areas / (0.25 * 3f64.sqrt() * most * most);
+        if at_least > MAX_TRIANGLES as f64 {
+            return Err(too_many(Some(at_least)));
+        }
         let splits = |p: Vec3, q: Vec3| {
             let (p, q) = (to_world(p), to_world(q));
             let length = p.distance(q);
             length.is_finite() && length > least && (length > most || seen.edge(p, q) > 1.0)
         };
-        mesh.divide(splits, stop)
+        mesh.divide(MAX_TRIANGLES, splits, stop)
     }
 
-    fn displace(&self, mesh: Refined, place: &Place<'_>) -> MadeMesh {
+    pub(super) fn displace(&self, mesh: Refined, place: &Place<'_>) -> MadeMesh {
         let Refined { mut positions, normals, uvs, triangles, links, .. } = mesh;
         let not_numbers = AtomicU64::new(0);
         let mut moves = vec![Vec3::ZERO; positions.len()];

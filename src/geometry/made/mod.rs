@@ -113,3 +113,6 @@ pub fn curve_counts(scene: &SceneDescription, view: &View) -> Vec<Option<(u64, u
     }
     counts
 }
+
+#[cfg(test)]
+mod tests;

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Most triangles that are made of one shape: what is made stays in memory.
+/// Most triangles that are made of one shape: what is made stays in memory. On the way there it takes some 2 GB.
 pub const MAX_TRIANGLES: usize = 1 << 26;
 
 /// A mesh while it is divided. Columns are empty or as long as `positions`.
@@ -30,9 +30,10 @@ pub(super) struct Refined {
 const WHOLE: u32 = u32::MAX;
 
 impl Refined {
-    /// Divides edges while `splits` says so of their end points, in either order.
+    /// Divides edges while `splits` says so of their end points, in either order, into `most` triangles at most.
     pub(super) fn divide(
         mut self,
+        most: usize,
         splits: impl Fn(Vec3, Vec3) -> bool + Sync,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self> {
@@ -49,12 +50,11 @@ impl Refined {
                 self.triangles.append(&mut active);
                 return Ok(self);
             }
-            let parts = |i: usize| -> usize {
-                1 + middles[3 * i..3 * i + 3].iter().filter(|&&m| m != WHOLE).count()
-            };
+            let parts =
+                |i: usize| -> usize { 1 + middles[3 * i..3 * i + 3].iter().filter(|&&m| m != WHOLE).count() };
             let made: usize = (0..active.len()).into_par_iter().map(parts).sum();
-            if self.triangles.len() + made > MAX_TRIANGLES {
-                return Err(too_many());
+            if self.triangles.len() + made > most {
+                return Err(too_many(None));
             }
             let (ready, divided): (Vec<_>, Vec<_>) =
                 (0..active.len()).into_par_iter().partition(|&i| parts(i) == 1);
@@ -99,8 +99,8 @@ impl Refined {
             keys.push(same[0].0);
             same.iter().for_each(|(_, slot)| middles[*slot as usize] = vertex);
         }
-        if first + keys.len() > 2 * MAX_TRIANGLES {
-            return Err(too_many());
+        if first + keys.len() > WHOLE as usize {
+            return Err(too_many(None));
         }
         let Self { positions, normals, uvs, seams, links, .. } = self;
         let both = |column: &[[f32; 3]], [a, b]: [u32; 2]| {
@@ -109,7 +109,8 @@ impl Refined {
         let new: Vec<[f32; 3]> = keys.par_iter().map(|&k| both(positions, k).to_array()).collect();
         positions.extend(new);
         if !normals.is_empty() {
-            let unit = |n: Vec3, [a, _]: [u32; 2]| n.try_normalize().map_or(normals[a as usize], |n| n.to_array());
+            let unit =
+                |n: Vec3, [a, _]: [u32; 2]| n.try_normalize().map_or(normals[a as usize], |n| n.to_array());
             let new: Vec<[f32; 3]> = keys.par_iter().map(|&k| unit(both(normals, k), k)).collect();
             normals.extend(new);
         }
@@ -119,9 +120,8 @@ impl Refined {
                 keys.par_iter().map(|&[a, b]| (0.5 * uv(a) + 0.5 * uv(b)).to_array()).collect();
             uvs.extend(new);
         }
-        let made = |[a, b]: [u32; 2]| {
-            keys.binary_search(&[a.min(b), a.max(b)]).ok().map(|i| (first + i) as u32)
-        };
+        let made =
+            |[a, b]: [u32; 2]| keys.binary_search(&[a.min(b), a.max(b)]).ok().map(|i| (first + i) as u32);
         let halves = |seam: &Seam| {
             // Both are divided or neither is, since their ends are the same.
             let (m, n) = (made(seam.a)?, made(seam.b)?);
@@ -179,9 +179,11 @@ fn cut([a, b, c]: [u32; 3], middles: [u32; 3], at: impl Fn(u32) -> Vec3, out: &m
     }
 }
 
-fn too_many() -> Error {
+/// More than `at_least`, if it is known.
+pub(super) fn too_many(at_least: Option<f64>) -> Error {
+    let wanted = at_least.map_or_else(String::new, |n| format!(" ({n:.0} at least)"));
     Error::Resource(format!(
-        "more than {MAX_TRIANGLES} triangles would be made of it; a longer edge, by \"displacement.edgelength\" or \
-         --tessellation, makes fewer"
+        "its displacement makes more than {MAX_TRIANGLES} triangles{wanted}; a longer edge, by \
+         \"displacement.edgelength\" or --tessellation, makes fewer"
     ))
 }

@@ -32,7 +32,8 @@ pub(super) fn find(
             if p < q { ([p, q], [v, w], true) } else { ([q, p], [w, v], false) }
         })
     };
-    let mut all: Vec<Half> = triangles.par_iter().flat_map_iter(halves).filter(|h| h.0[0] != h.0[1]).collect();
+    let mut all: Vec<Half> =
+        triangles.par_iter().flat_map_iter(halves).filter(|h| h.0[0] != h.0[1]).collect();
     all.par_sort_unstable();
     let pair = |group: &[Half]| match *group {
         [(_, a, one_way), (_, b, other_way)] if one_way != other_way && a != b => {

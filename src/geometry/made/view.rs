@@ -15,6 +15,9 @@ const MARGIN: f64 = 0.25;
 /// Instances that are looked at one by one beside those that may touch the eye; one bound stands for the others.
 const LOOKED_AT: usize = 8;
 
+/// Distance beyond a plane, in any unit.
+type Plane<'a> = &'a dyn Fn(DVec3) -> f64;
+
 /// The camera, as far as sizes go.
 #[derive(Clone, Debug)]
 pub struct View {
@@ -40,7 +43,13 @@ impl View {
         let (w, h) = (f64::from(film.0), f64::from(film.1));
         let aspect = camera.frame_aspect_ratio.map_or(w / h, f64::from);
         let [x0, x1, y0, y1] = camera.screen_window.map_or_else(
-            || if aspect > 1.0 { [-aspect, aspect, -1.0, 1.0] } else { [-1.0, 1.0, -1.0 / aspect, 1.0 / aspect] },
+            || {
+                if aspect > 1.0 {
+                    [-aspect, aspect, -1.0, 1.0]
+                } else {
+                    [-1.0, 1.0, -1.0 / aspect, 1.0 / aspect]
+                }
+            },
             |window| window.map(f64::from),
         );
         let pixel = ((x1 - x0) / w * (y1 - y0) / h).abs().sqrt();
@@ -81,13 +90,13 @@ impl View {
             Lens::Perspective { spread, .. } | Lens::Sphere { spread } => length / (spread * nearest()),
             Lens::Orthographic { pixel, .. } => length / pixel,
         };
-        let both = |f: &dyn Fn(DVec3) -> f64| f(a) > 0.0 && f(b) > 0.0;
+        let both = |f: Plane<'_>| f(a) > 0.0 && f(b) > 0.0;
         if self.beyond(&both) { pixels / OUT_OF_VIEW } else { pixels }
     }
 
     /// Whether all of something is beyond one of the planes around what is in view; `all` says of a distance whether it
     /// is positive everywhere.
-    fn beyond(&self, all: &dyn Fn(&dyn Fn(DVec3) -> f64) -> bool) -> bool {
+    fn beyond(&self, all: &dyn Fn(Plane<'_>) -> bool) -> bool {
         match self.lens {
             Lens::Sphere { .. } => false,
             Lens::Perspective { window: [x0, x1, y0, y1], .. } => {
@@ -98,7 +107,11 @@ impl View {
                     || all(&|p| y0 * p.z - p.y)
             }
             Lens::Orthographic { window: [x0, x1, y0, y1], .. } => {
-                all(&|p| -p.z) || all(&|p| p.x - x1) || all(&|p| x0 - p.x) || all(&|p| p.y - y1) || all(&|p| y0 - p.y)
+                all(&|p| -p.z)
+                    || all(&|p| p.x - x1)
+                    || all(&|p| x0 - p.x)
+                    || all(&|p| p.y - y1)
+                    || all(&|p| y0 - p.y)
             }
         }
     }
@@ -112,7 +125,7 @@ impl View {
             Lens::Orthographic { pixel, .. } => 1.0 / pixel,
         };
         // A plane's coefficients are not of unit length: its value changes by so much over the radius at most.
-        let reach = |f: &dyn Fn(DVec3) -> f64| {
+        let reach = |f: Plane<'_>| {
             let gradient = DVec3::new(f(DVec3::X), f(DVec3::Y), f(DVec3::Z)) - DVec3::splat(f(DVec3::ZERO));
             f(centre) > radius * gradient.length()
         };
@@ -153,7 +166,9 @@ impl<'a> Seen<'a> {
     /// The larger of the edge's pixels over those it may have, where it is largest.
     pub(super) fn edge(&self, a: DVec3, b: DVec3) -> f64 {
         // Rounding must not depend on who asks.
-        let before = |a: &DVec3, b: &DVec3| a.to_array().partial_cmp(&b.to_array()) == Some(std::cmp::Ordering::Greater);
+        let before = |a: &DVec3, b: &DVec3| {
+            a.to_array().partial_cmp(&b.to_array()) == Some(std::cmp::Ordering::Greater)
+        };
         let (a, b) = if before(&a, &b) { (b, a) } else { (a, b) };
         let far = self.far * (b - a).length();
         let near = self.near.iter().map(|m| self.view.pixels(m.transform_point3(a), m.transform_point3(b)));

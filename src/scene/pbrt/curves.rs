@@ -13,8 +13,7 @@ pub(super) fn strand(p: &Params) -> Result<Strand> {
     let widths = [p.float("width0", width)?, p.float("width1", width)?];
     let degree = p.int_in("degree", 3, 2..=3)? as usize;
     let spline = p.choice("basis", &[("bezier", false), ("bspline", true)])?;
-    let kinds =
-        [("flat", CurveKind::Flat), ("ribbon", CurveKind::Ribbon), ("cylinder", CurveKind::Cylinder)];
+    let kinds = [("flat", CurveKind::Flat), ("ribbon", CurveKind::Ribbon), ("cylinder", CurveKind::Cylinder)];
     let kind = p.choice("type", &kinds)?;
     // How finely pbrt divides a curve before it traces it: time, not the picture.
     p.int("splitdepth", 3)?;
@@ -27,11 +26,8 @@ pub(super) fn strand(p: &Params) -> Result<Strand> {
         return Err(Error::at(&at, format!("{n} control points; {right} are needed for degree {degree}")));
     }
     let step = if spline { 1 } else { degree };
-    let points: Vec<[[f32; 3]; 4]> = given
-        .windows(degree + 1)
-        .step_by(step)
-        .map(|w| bezier(w, spline).map(|p| p.to_array()))
-        .collect();
+    let points: Vec<[[f32; 3]; 4]> =
+        given.windows(degree + 1).step_by(step).map(|w| bezier(w, spline).map(|p| p.to_array())).collect();
     let normals = match (p.tuples::<3>("N", &[Type::Normal])?, kind) {
         (Some((normals, at)), CurveKind::Ribbon) => {
             if normals.len() != points.len() + 1 {

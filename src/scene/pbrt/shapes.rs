@@ -6,7 +6,9 @@ use super::params::{Params, Type};
 use super::reader::{Item, Reader, index};
 use super::state::MaterialRef;
 use crate::error::{Error, Location, Result};
-use crate::scene::{MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, Shape, ShapeKind, TextureId, TriangleMesh};
+use crate::scene::{
+    MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, Shape, ShapeKind, TextureId, TriangleMesh,
+};
 use std::rc::Rc;
 use std::sync::Arc;
 
@@ -33,7 +35,9 @@ pub(super) struct ShapeRefs {
 impl ShapeRefs {
     fn looks_like(&self, other: &Self) -> bool {
         let masked = self.alpha.is_some() || other.alpha.is_some();
-        !masked && self.material == other.material && (&self.inside, &self.outside) == (&other.inside, &other.outside)
+        !masked
+            && self.material == other.material
+            && (&self.inside, &self.outside) == (&other.inside, &other.outside)
     }
 }
 
@@ -45,7 +49,9 @@ fn join(meshes: &mut Vec<MeshSource>, before: &ShapeKind, last: &ShapeKind) -> b
         return false;
     }
     let [.., MeshSource::Curves(strands), MeshSource::Curves(more)] = &mut meshes[..] else { return false };
-    let Some(strands) = Arc::get_mut(strands).filter(|strands| strands.len() < MAX_STRANDS) else { return false };
+    let Some(strands) = Arc::get_mut(strands).filter(|strands| strands.len() < MAX_STRANDS) else {
+        return false;
+    };
     strands.extend_from_slice(more);
     meshes.pop();
     true
@@ -186,7 +192,7 @@ impl Reader {
             return Ok(None);
         }
         let edge_length = match p.float_opt("displacement.edgelength")? {
-            Some(length) if !(length > 0.0) => {
+            Some(length) if length.is_nan() || length <= 0.0 => {
                 let what = format!("\"displacement.edgelength\" is {length}; it must be positive");
                 return Err(p.error("displacement.edgelength", what));
             }

@@ -9,6 +9,7 @@ use crate::closed::{Placement, Random, Rounded, is_inside};
 use crate::support::{Frame, head, icosphere, scene};
 use glam::{DMat3, DVec3, Vec3, Vec3A};
 use weir::accel::{Accel, Hit, NONE, Ray};
+use weir::geometry::made::{Making, View};
 use weir::geometry::{Needs, SceneGeometry, SurfacePoint, SurfaceShape, Surfaces, load, offset_origin};
 
 pub(super) const CUBE: &str = "Shape \"trianglemesh\" \"point3 P\" [ -1 -1 -1  1 -1 -1  -1 1 -1  1 1 -1  -1 -1 1  1 -1 1 \
@@ -59,7 +60,8 @@ pub(super) fn place_name((offset, scale): (f64, f64)) -> String {
 pub(super) fn geometry(text: &str) -> SceneGeometry {
     let frame = Frame { size: (1, 1), spp: 1, max_depth: 1 };
     let scene = scene(&(head("Camera \"orthographic\"", frame) + text));
-    load(&scene, None, &|| false).expect("a good scene")
+    let view = View::new(&scene.camera, (1, 1), 1.0);
+    load(&scene, None, &Making { view: &view, textures: None }, &|| false).expect("a good scene")
 }
 
 /// A loaded scene, traced.

@@ -1,0 +1,249 @@
+//! Displacement and curves as a person meets them: known outlines, one picture whatever the memory and the threads, one
+//! line for what is wrong.
+//!
+//! Invariant: everything is made on the spot, in a directory of the test's own.
+
+use crate::significance::Runs;
+use crate::support::{Frame, grey, head, icosphere, mean, orthographic, outcome, scene, scene_beside};
+use std::fs;
+use std::path::Path;
+use weir::error::Error;
+use weir::film::Image;
+use weir::film::write::write_image;
+use weir::render::{Outcome, plan};
+use weir::scene::SceneDescription;
+use weir::scene::pbrt::parse_str;
+use weir::settings::{Backend, RenderSettings};
+
+const HALF: f64 = 2.0;
+
+/// A black shape against a white sky, seen along z.
+fn silhouette(shape: &str) -> SceneDescription {
+    let frame = Frame { size: (32, 32), spp: 16, max_depth: 1 };
+    let text = head(&orthographic(-5.0, HALF), frame)
+        + "LightSource \"infinite\" \"rgb L\" [ 1 1 1 ]\nMaterial \"diffuse\" \"rgb reflectance\" [ 0 0 0 ]\n"
+        + shape;
+    scene(&text)
+}
+
+#[track_caller]
+fn covers(shape: &str, area: f64) {
+    // A fortieth of a pixel is nothing here.
+    let settings = RenderSettings { tessellation: Some(0.2), ..RenderSettings::default() };
+    let runs = Runs::of(&silhouette(shape), &settings, 12);
+    runs.assert_mean(1.0 - area / (4.0 * HALF * HALF), 2e-3, shape);
+}
+
+#[test]
+fn straight_curves_cover_their_length_times_their_width() {
+    for kind in ["flat", "cylinder"] {
+        let shape =
+            |more: &str| format!("Rotate 20 0 0 1\nShape \"curve\" \"string type\" \"{kind}\" {more}");
+        covers(&shape("\"point3 P\" [ -1 0 0 -.3 0 0 .4 0 0 1 0 0 ] \"float width\" .5"), 2.0 * 0.5);
+        covers(
+            &shape("\"point3 P\" [ -1 0 0 -.3 0 0 .4 0 0 1 0 0 ] \"float width0\" .8 \"float width1\" 0"),
+            0.8,
+        );
+        // It begins half-way to the second point, and ends half-way to the last.
+        covers(
+            &shape(
+                "\"string basis\" \"bspline\" \"integer degree\" 2 \"point3 P\" [ -1.5 0 0 -.5 0 0 .5 0 0 1.5 0 0 ] \
+                 \"float width\" .5",
+            ),
+            2.0 * 0.5,
+        );
+        covers(
+            &shape("\"integer degree\" 2 \"point3 P\" [ -1 0 0 0 0 0 1 0 0 ] \"float width\" .25"),
+            2.0 * 0.25,
+        );
+    }
+    let ribbon = |n: &str| {
+        format!(
+            "Shape \"curve\" \"string type\" \"ribbon\" \"point3 P\" [ -1 0 0 -.3 0 0 .4 0 0 1 0 0 ] \"float width\" .5 \
+             \"normal N\" [ {n} {n} ]"
+        )
+    };
+    covers(&ribbon("0 0 1"), 2.0 * 0.5);
+    // Turned by 60 degrees from the eye.
+    covers(&ribbon("0 0.8660254 .5"), 2.0 * 0.25);
+}
+
+#[test]
+fn a_sphere_that_is_moved_out_by_half_is_a_larger_one() {
+    let ball = icosphere(5);
+    let moved = format!(
+        "Texture \"half\" \"float\" \"constant\" \"float value\" .5\n\
+         Shape \"trianglemesh\" {ball} \"texture displacement\" \"half\""
+    );
+    covers(&moved, std::f64::consts::PI * 1.5 * 1.5);
+    let smooth = format!("Scale 1.5 1.5 1.5\nShape \"trianglemesh\" {ball}");
+    let pictures = [moved, smooth].map(|shape| {
+        mean(&grey(&outcome(&silhouette(&shape), &RenderSettings::default()).expect("sound").image))
+    });
+    assert!((pictures[0] - pictures[1]).abs() < 2e-3, "{pictures:?}");
+}
+
+/// A globe with a seam, moved by an image, and curves.
+fn everything(folder: &Path) -> SceneDescription {
+    let mut hills = Image::new(256, 256);
+    for (i, p) in hills.pixels.iter_mut().enumerate() {
+        let (x, y) = ((i % 256) as f32 / 20.0, (i / 256) as f32 / 13.0);
+        *p = [0.15 * (x.sin() * y.cos() + 0.3 * (3.7 * x).sin()); 3];
+    }
+    write_image(&folder.join("hills.exr"), &hills, &[]).expect("writable");
+    let frame = Frame { size: (61, 43), spp: 5, max_depth: 4 };
+    let text = head("LookAt 0 2 -4  0 .3 0  0 1 0\nCamera \"perspective\" \"float fov\" 45", frame)
+        + "LightSource \"infinite\" \"rgb L\" [ 1 1 1 ]\n\
+           Texture \"hills\" \"float\" \"imagemap\" \"string filename\" \"hills.exr\"\n\
+           Texture \"from above\" \"float\" \"imagemap\" \"string filename\" \"hills.exr\" \"string mapping\" \"planar\" \
+           \"vector3 v1\" [ .2 0 0 ] \"vector3 v2\" [ 0 0 .2 ]\n\
+           Shape \"trianglemesh\" \"point3 P\" [ -9 0 -9  9 0 -9  9 0 9  -9 0 9 ] \"point2 uv\" [ 0 0 5 0 5 5 0 5 ] \
+           \"integer indices\" [ 0 2 1 0 3 2 ] \"texture displacement\" \"hills\"\n\
+           AttributeBegin\nTranslate 1 1 0\nShape \"loopsubdiv\" \"integer levels\" 2 \
+           \"point3 P\" [ 1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1 ] \
+           \"integer indices\" [ 0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5 ] \"texture displacement\" \"from above\" \
+           \"float displacement.edgelength\" .1\nAttributeEnd\n\
+           ObjectBegin \"hair\"\nShape \"curve\" \"point3 P\" [ 0 0 0 .2 1 0 -.2 1.2 0 0 1.5 .1 ] \"float width\" .1\n\
+           Shape \"curve\" \"point3 P\" [ .3 0 0 .5 1 0 .1 1.2 0 .5 1.5 .1 ] \"float width\" .1\nObjectEnd\n\
+           AttributeBegin\nTranslate -1 0 0\nObjectInstance \"hair\"\nAttributeEnd\n\
+           AttributeBegin\nTranslate -1.5 0 1\nScale -1 2 1\nObjectInstance \"hair\"\nAttributeEnd\n";
+    scene_beside(&text, folder)
+}
+
+fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
+    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn bits(outcome: &Outcome) -> Vec<[u32; 3]> {
+    outcome.image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
+}
+
+#[test]
+fn one_picture_with_any_threads_and_any_memory() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let scene = everything(folder.path());
+    // Two curves of one look are one surface.
+    assert_eq!(scene.objects[0].len(), 1);
+    let cache_dir = Some(folder.path().join("cache"));
+    let settings = RenderSettings { backend: Backend::Native, cache_dir, ..RenderSettings::default() };
+    let one = render(&scene, &settings);
+    assert_eq!(one.stats.image.non_finite_samples, 0);
+    assert_eq!(bits(&one), bits(&render(&scene, &RenderSettings { threads: Some(3), ..settings.clone() })));
+    // The texture that moves it comes and goes in tiles, and what is made stays.
+    let tiles = RenderSettings { texture_memory: Some(300_000), threads: Some(2), ..settings.clone() };
+    let tiled = render(&scene, &tiles);
+    assert!(tiled.stats.texture_cache.is_some());
+    assert_eq!(bits(&one), bits(&tiled));
+    let bounded = RenderSettings { geometry_memory: Some(200 << 20), ..settings.clone() };
+    assert_eq!(bits(&one), bits(&render(&scene, &bounded)));
+    let small = outcome(&scene, &RenderSettings { geometry_memory: Some(1 << 20), ..settings.clone() });
+    assert!(matches!(small, Err(Error::Usage(line)) if line.contains("would do")));
+    // Finer edges are another picture, and more triangles.
+    let finer = render(&scene, &RenderSettings { tessellation: Some(0.5), ..settings });
+    assert!(finer.stats.memory.all_geometry > 4 * one.stats.memory.all_geometry);
+    assert_ne!(bits(&one), bits(&finer));
+}
+
+#[test]
+fn the_plan_says_what_is_displaced_and_counts_curves() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let scene = everything(folder.path());
+    let settings = RenderSettings::default();
+    let found = plan(&scene, &settings).expect("a plan");
+    let displacement = &found.effects["displacement"];
+    assert!(displacement.on && displacement.because.contains("test.pbrt:9"), "{displacement:?}");
+    assert_eq!(render(&scene, &settings).stats.plan.effects, found.effects);
+    // Curves alone are counted, not guessed: bytes within a tenth.
+    let only = |pixels| {
+        let frame = Frame { size: (pixels, pixels), spp: 1, max_depth: 1 };
+        let mut text = head("LookAt 0 0 -4  0 0 0  0 1 0\nCamera \"perspective\"", frame);
+        for i in 0..200 {
+            let x = f64::from(i) * 0.01 - 1.0;
+            text += &format!(
+                "Shape \"curve\" \"point3 P\" [ {x} -1 0 {x} 0 .7 {x} .5 -.8 .1 1 0 ] \"float width\" .02\n"
+            );
+        }
+        text
+    };
+    let scene = crate::support::scene(&only(500));
+    assert_eq!(scene.shapes.len(), 1);
+    let expected = plan(&scene, &settings).expect("a plan").bytes.geometry as f64;
+    let came = render(&scene, &settings).stats.memory.all_geometry as f64;
+    assert!((expected / came - 1.0).abs() < 0.1, "{expected} expected, {came} came");
+}
+
+/// What is said of `text`, read and rendered.
+fn refusal(folder: &Path, text: &str) -> String {
+    let said = match parse_str(text, &folder.join("test.pbrt")) {
+        Err(e) => e,
+        Ok(scene) => match outcome(&scene, &RenderSettings { spp: Some(1), ..RenderSettings::default() }) {
+            Err(e) => e,
+            Ok(_) => panic!("nothing is wrong with {text}"),
+        },
+    };
+    let line = said.to_string();
+    assert!(!line.contains('\n'), "{line}");
+    line
+}
+
+#[test]
+fn what_is_wrong_is_one_line_with_its_place() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let at = folder.path();
+    fs::write(
+        at.join("bare.ply"),
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+         element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    )
+    .expect("writable");
+    let image = Image::new(2, 2);
+    write_image(&at.join("t.exr"), &image, &[]).expect("writable");
+    let texture = "Texture \"t\" \"float\" \"imagemap\" \"string filename\" \"t.exr\"";
+    let tiny = "Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"point2 uv\" [ 0 0 1 0 0 1 ] \
+                \"texture displacement\" \"t\" \"float displacement.edgelength\" 1e-6";
+    for (shape, wanted) in [
+        ("Shape \"curve\"", "3:1: the curve needs \"point3 P\""),
+        ("Shape \"curve\" \"point3 P\" [ 0 0 0 1 0 0 2 0 0 ]", "3:15: 3 control points; 3 n + 1 are needed"),
+        ("Shape \"curve\" \"integer degree\" 4 \"point3 P\" [ 0 0 0 ]", "3:15: \"degree\" is 4"),
+        (
+            "Shape \"curve\" \"string basis\" \"bspline\" \"point3 P\" [ 0 0 0 1 0 0 2 0 0 ]",
+            "3:40: 3 control points; 4 or more",
+        ),
+        ("Shape \"curve\" \"string basis\" \"hermite\" \"point3 P\" [ 0 0 0 ]", "3:15: unknown basis"),
+        (
+            "Shape \"curve\" \"string type\" \"ribbon\" \"point3 P\" [ 0 0 0 1 0 0 2 0 0 3 0 0 ]",
+            "3:1: a ribbon needs \"normal N\"",
+        ),
+        (
+            "Shape \"curve\" \"string type\" \"ribbon\" \"normal N\" [ 0 0 1 ] \"point3 P\" [ 0 0 0 1 0 0 2 0 0 3 0 0 ]",
+            "3:38: 1 normals; this curve takes 2",
+        ),
+        (
+            "Shape \"plymesh\" \"string filename\" \"bare.ply\" \"texture displacement\" \"no\"",
+            "no float texture \"no\"",
+        ),
+        (
+            "Shape \"plymesh\" \"string filename\" \"bare.ply\" \"texture displacement\" \"t\"",
+            "3:1: the mesh has no texture coordinates",
+        ),
+        (
+            "Shape \"plymesh\" \"string filename\" \"bare.ply\" \"float displacement.edgelength\" 0",
+            "3:45: \"displacement.edgelength\" is 0; it must be positive",
+        ),
+        (tiny, "3:1: its displacement makes more than 67108864 triangles (1154700"),
+        ("Shape \"sphere\" \"texture displacement\" \"t\"", "3:16"),
+    ] {
+        let line = refusal(at, &format!("WorldBegin\n{texture}\n{shape}\n"));
+        assert!(line.contains(wanted), "{shape}\n{line}");
+    }
+    for (value, wanted) in [("0", "0"), ("\"a\"", "a"), ("-1", "-1")] {
+        let line = refusal(at, &format!("Option \"displacementedgescale\" {value}\nWorldBegin\n"));
+        assert!(line.contains(wanted) && line.contains("a number above zero"), "{line}");
+    }
+    // The option stretches edges: what was refused at 1e-6 can be made of those of 0.1.
+    let text = format!(
+        "Option \"displacementedgescale\" 1e5\nFilm \"rgb\" \"integer xresolution\" 8 \"integer yresolution\" 8\nWorldBegin\n{texture}\n{tiny}\n"
+    );
+    let scene = parse_str(&text, &at.join("test.pbrt")).expect("sound");
+    render(&scene, &RenderSettings { spp: Some(1), ..RenderSettings::default() });
+}
