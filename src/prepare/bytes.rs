@@ -168,7 +168,7 @@ fn mesh_facts(source: &MeshSource, header: Option<&MeshFacts>) -> MeshFacts {
 }
 
 /// Pixels of the film a triangle, of the square of an edge's most pixels. Edges are between half of it and all, and there
-/// is what is hidden, seen aslant or out of view: 0.07 for a terrain, 0.11 for a sphere seen whole.
+/// is what is hidden, seen aslant or out of view: 0.07 for a terrain, 0.12 for a sphere.
 const TRIANGLE_PIXELS: f64 = 0.08;
 
 /// What is expected of a displaced mesh whose base has this `header`, on a film of `pixels` and with edges of

@@ -101,7 +101,7 @@ impl Rates {
         let sides = if strand.kind == CurveKind::Ribbon {
             1
         } else {
-            (PI / half(most * radius)).ceil().clamp(SIDES[0], SIDES[1]) as u32
+            (PI / half(most * radius)).ceil().clamp(SIDES[0], SIDES[1]) as u32 | 1
         };
         let pieces = strand.points.iter().zip(&units).map(|(points, unit)| {
             let [a, b, c, d] = points.map(vector);
@@ -114,7 +114,9 @@ impl Rates {
                 |p: DVec3, q: DVec3| if p.length() * q.length() > 0.0 { p.angle_between(q) } else { 0.0 };
             let turn = angle(b - a, c - b) + angle(c - b, d - c);
             let around = turn / (2.0 * half(unit * radius)).min(FRAC_PI_2);
-            along.max(around).ceil().clamp(1.0, MOST_PIECES) as u32
+            // Where the eye is on the curve, what is straight has no number of its own.
+            let wanted = along.max(around);
+            if wanted.is_nan() { 1 } else { wanted.ceil().clamp(1.0, MOST_PIECES) as u32 }
         });
         Self { sides, pieces: pieces.collect() }
     }

@@ -317,6 +317,8 @@ fn a_straight_curve_has_the_area_of_its_outline() {
             assert!((b - a).cross(c - a).length() > 0.0, "a triangle without area");
         }
     }
+    let through_the_eye = area(&drawn(&straight(CurveKind::Flat, [0.5; 2]), &view(0.0, 100, 2.0)));
+    assert!((through_the_eye - PI * 0.5 * 6.0).abs() < 1e-5, "{through_the_eye}");
     assert!(drawn(&straight(CurveKind::Flat, [0.0; 2]), &view(10.0, 100, 2.0)).indices.is_empty());
 }
 
