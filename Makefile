@@ -18,7 +18,7 @@ DEMO := scenes/demo/demo.pbrt
 # `prepare` fetched every crate, so cargo need not ask the network, nor may it change the lock file.
 FROZEN := --locked --offline
 
-.PHONY: help demo test references hard build native bench embree prepare
+.PHONY: help demo test references hard effects build native bench embree prepare
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do \
@@ -39,6 +39,9 @@ references: prepare ## the pbrt scenes of ../shared against pbrt-v4's renders, 2
 
 hard: prepare ## a hundred million rays from inside closed meshes, and all hard cases, native and Embree (minutes)
 	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture hard_
+
+effects: build ## what each effect costs, in instructions counted by valgrind: docs/effects.md (minutes)
+	@WEIR_MEASURED="$(abspath $(WEIR))" cargo test $(FROZEN) --test weir -- --ignored --nocapture effects_table
 
 build: prepare ## build target/release/weir, for any processor of this architecture
 	@cargo build --release $(FROZEN)

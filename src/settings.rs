@@ -145,6 +145,8 @@ pub struct RenderSettings {
     pub texture_latency_seconds: f64,
     /// Where tiled copies of textures are kept; `None` means the user's cache directory.
     pub cache_dir: Option<PathBuf>,
+    /// Effects that paths are computed with though nothing may ask for them, by name; `all` stands for all.
+    pub force_effects: Vec<String>,
     /// Filter of all image textures.
     pub texture_filter: Option<TextureFilter>,
     /// Pixels on the film that an edge of a displaced mesh may have, at most (`displacement.edgelength` of the scene bounds

@@ -80,6 +80,10 @@ pub(super) struct SettingsOptions {
     /// Pixels of an edge of what is displaced, at most; curves are drawn to an eighth of it. 2 if not given
     #[arg(long, value_name = "PIXELS", value_parser = values::edge_pixels, allow_negative_numbers = true)]
     tessellation: Option<f32>,
+    /// Compute paths with effects that nothing may ask for: all, or names of `weir plan`, separated by commas. The
+    /// picture is the same
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = values::effect)]
+    force_effects: Vec<String>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -198,6 +202,7 @@ impl SettingsOptions {
             strict: false,
             texture_filter: self.texture_filter.map(FilterName::filter),
             tessellation: self.tessellation,
+            force_effects: self.force_effects.clone(),
         }
     }
 }

@@ -61,7 +61,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
 }
 
 fn write_text(plan: &PlanStats, out: &mut String) -> std::fmt::Result {
-    let PlanStats { effects, schedule, because, backend, bytes: all, memory } = plan;
+    let PlanStats { effects, kernel, calls, schedule, because, backend, bytes: all, memory } = plan;
     writeln!(out, "{:<21} {:<4} because", "effect", "")?;
     for name in EFFECTS {
         let Some(effect) = effects.get(name) else { continue };
@@ -83,6 +83,7 @@ fn write_text(plan: &PlanStats, out: &mut String) -> std::fmt::Result {
     }
     writeln!(out, "\na render with these options")?;
     writeln!(out, "  backend      {backend}")?;
+    writeln!(out, "  kernel       {kernel}: {calls}")?;
     writeln!(out, "  schedule     {schedule}: {because}")?;
     let mut division = Vec::new();
     if write_division(memory, "  ", &mut division).is_ok() {

@@ -3,6 +3,17 @@
 
 use std::ops::RangeInclusive;
 use weir::geometry::pages::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
+use weir::prepare::EFFECTS;
+
+/// An effect by name, with underscores or hyphens, or `all`.
+pub(super) fn effect(text: &str) -> Result<String, String> {
+    let name = text.trim().replace(['-', ' '], "_");
+    if name == "all" || EFFECTS.contains(&&*name) {
+        Ok(name)
+    } else {
+        Err(format!("`{text}` is no effect; all is, or one of {}", EFFECTS.join(", ")))
+    }
+}
 
 /// Bytes of a page of geometry.
 pub(super) fn page_bytes(text: &str) -> Result<u64, String> {

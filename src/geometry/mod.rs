@@ -19,7 +19,7 @@ mod tangents;
 pub use flat::Surfaces;
 pub use load::{Opacity, Paging, SceneGeometry, load};
 pub use patch::blend_corners;
-pub use point::{Needs, SurfacePoint, offset_origin};
+pub use point::{Kinds, Needs, SurfacePoint, offset_origin};
 pub use quadric::Quadric;
 pub use tangents::{FootprintEllipse, Tangents};
 

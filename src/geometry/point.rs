@@ -41,6 +41,22 @@ impl Needs {
     }
 }
 
+/// What surfaces a scene may have; what it has not is not looked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Kinds {
+    /// Placed objects.
+    pub instances: bool,
+    /// Quadrics, patches and pages.
+    pub others: bool,
+    /// Surfaces that need anything of [`Needs`].
+    pub attributes: bool,
+}
+
+impl Kinds {
+    /// Any.
+    pub const ALL: Self = Self { instances: true, others: true, attributes: true };
+}
+
 /// A point on a surface, world space. Points and normals that every vertex works with are in SIMD
 /// registers; the roundings are those of scalars.
 #[derive(Clone, Copy, Debug)]
@@ -94,20 +110,28 @@ impl Surfaces<'_> {
     /// gives the ray that found it.
     #[inline(always)]
     #[must_use]
-    pub fn surface_point(&self, hit: &Hit, surface: usize, ray: impl FnOnce() -> Ray) -> SurfacePoint {
+    pub fn surface_point(
+        &self,
+        hit: &Hit,
+        surface: usize,
+        ray: impl FnOnce() -> Ray,
+        kinds: Kinds,
+    ) -> SurfacePoint {
         let flat = &self.flat[surface];
         let point = match flat.mesh {
-            Some(mesh) => triangle_point(flat, mesh, hit),
+            Some(mesh) => triangle_point(flat, mesh, hit, kinds.attributes),
+            None if !kinds.others => unreachable!("the kernel has what surfaces call for"),
             None => self.uncommon_point(surface, hit, &ray()).apart(),
         };
-        if hit.instance == NONE { point } else { self.place(point, hit.instance).apart() }
+        if !kinds.instances || hit.instance == NONE { point } else { self.place(point, hit.instance).apart() }
     }
 
     /// Index of the surface that was hit.
     #[inline(always)]
     #[must_use]
-    pub fn surface_of(&self, hit: &Hit) -> usize {
-        if hit.instance == NONE {
+    pub fn surface_of(&self, hit: &Hit, kinds: Kinds) -> usize {
+        debug_assert!(kinds.instances || hit.instance == NONE, "the kernel has what is placed");
+        if !kinds.instances || hit.instance == NONE {
             hit.geometry as usize
         } else {
             (self.geometry.instances[hit.instance as usize].surface_base + hit.geometry) as usize
@@ -116,19 +140,19 @@ impl Surfaces<'_> {
 
     /// Starts loading what [`Self::surface_point`] will read; a hint without effect on results.
     #[inline(always)]
-    pub fn prefetch_indices(&self, hit: &Hit) {
+    pub fn prefetch_indices(&self, hit: &Hit, kinds: Kinds) {
         if hit.geometry != NONE {
-            prefetch(self.flat[self.surface_of(hit)].indices, hit.primitive);
+            prefetch(self.flat[self.surface_of(hit, kinds)].indices, hit.primitive);
         }
     }
 
     /// As [`Self::prefetch_indices`], for the vertices; reads the indices.
     #[inline(always)]
-    pub fn prefetch_vertices(&self, hit: &Hit) {
+    pub fn prefetch_vertices(&self, hit: &Hit, kinds: Kinds) {
         if hit.geometry == NONE {
             return;
         }
-        let flat = &self.flat[self.surface_of(hit)];
+        let flat = &self.flat[self.surface_of(hit, kinds)];
         // Other shapes than triangles have no indices.
         let Some(&corners) = flat.indices.get(hit.primitive as usize) else { return };
         for i in corners {
@@ -139,7 +163,8 @@ impl Surfaces<'_> {
                 prefetch(flat.normals, i);
             }
         }
-        if flat.needs.has(Needs::UV)
+        if kinds.attributes
+            && flat.needs.has(Needs::UV)
             && let Some(mesh) = flat.mesh
         {
             for i in corners {
@@ -179,6 +204,7 @@ impl Surfaces<'_> {
                     &Flat { indices, positions, normals, mesh: Some(mesh), needs, flip },
                     mesh,
                     hit,
+                    true,
                 )
             }),
             SurfaceShape::Mesh(_) => unreachable!("meshes are handled by the caller"),
@@ -235,7 +261,7 @@ fn max_abs(v: Vec3) -> f32 {
 }
 
 #[inline(always)]
-fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
+fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit, attributes: bool) -> SurfacePoint {
     let corners = flat.indices[hit.primitive as usize].map(|i| i as usize);
     let [p0, p1, p2] = corners.map(|i| Vec3A::from_array(flat.positions[i]));
     let (b1, b2) = (hit.u, hit.v);
@@ -267,7 +293,8 @@ fn triangle_point(flat: &Flat<'_>, mesh: &Mesh, hit: &Hit) -> SurfacePoint {
         }
     }
     let mut point = SurfacePoint { p, error, ng, ns, uv: Vec2::new(b1, b2), dpdu: Vec3::ZERO };
-    if flat.needs != Needs::default() {
+    debug_assert!(attributes || flat.needs == Needs::default(), "the kernel has what materials need");
+    if attributes && flat.needs != Needs::default() {
         let edges = [e1.into(), e2.into()];
         add_attributes(&mut point, mesh, corners, [b0, b1, b2], edges, flat.needs);
     }

@@ -171,7 +171,7 @@ fn patch_tangents(patches: &Patches, hit: &Hit) -> Tangents {
 mod tests {
     use super::*;
     use crate::geometry::made::{Making, View};
-    use crate::geometry::{Needs, SceneGeometry, load};
+    use crate::geometry::{Kinds, Needs, SceneGeometry, load};
     use crate::scene::pbrt::parse_str;
     use std::path::Path;
 
@@ -221,7 +221,7 @@ mod tests {
             let instance = if shape.contains("Instance") { 0 } else { NONE };
             let hit = |u, v| Hit { t: 1.0, u, v, geometry: 0, primitive: 0, instance, place: NONE };
             let ray = Ray::new(Vec3::ZERO, Vec3::Z);
-            let at = |u, v| surfaces.surface_point(&hit(u, v), 0, || ray);
+            let at = |u, v| surfaces.surface_point(&hit(u, v), 0, || ray, Kinds::ALL);
             let (u, v) = (0.3, 0.4);
             let tangents = surfaces.tangents(&hit(u, v), 0, || ray);
             let n = at(u, v).ng;
@@ -241,7 +241,7 @@ mod tests {
         // From the centre, so that points lie where the ray goes; the sphere's radius is 3.
         let ray = |d: Vec3| Ray::new(Vec3::new(1.0, 2.0, 3.0), d.normalize());
         let hit = Hit { t: 3.0, u: 0.0, v: 0.0, geometry: 0, primitive: 0, instance: NONE, place: NONE };
-        let at = |d: Vec3| surfaces.surface_point(&hit, 0, || ray(d));
+        let at = |d: Vec3| surfaces.surface_point(&hit, 0, || ray(d), Kinds::ALL);
         let d = Vec3::new(0.3, 0.8, 0.4);
         let tangents = surfaces.tangents(&hit, 0, || ray(d));
         let n = at(d).ng;

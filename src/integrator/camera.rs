@@ -88,10 +88,11 @@ impl Camera {
         self.x * v.x + self.y * v.y + self.z * v.z
     }
 
-    /// The ray through `raster` (pixels, y down) and the lens point warped from `lens` in [0,1)².
+    /// The ray through `raster` (pixels, y down) and the lens point warped from `lens` in [0,1)², if `has_lens`.
     #[inline(always)]
     #[must_use]
-    pub fn ray(&self, raster: Vec2, lens: Vec2) -> CameraRay {
+    pub fn ray(&self, raster: Vec2, lens: Vec2, has_lens: bool) -> CameraRay {
+        debug_assert!(has_lens || self.lens_radius == 0.0, "only kernels with a lens are given one");
         let screen = self.offset + raster * self.scale;
         let (mut origin, mut direction, width, spread);
         match self.kind {
@@ -103,7 +104,7 @@ impl Camera {
                 // falls with the cube of the cosine.
                 let cos = direction.length_recip();
                 spread = self.pixel * tangent * cos * cos.sqrt();
-                if self.lens_radius > 0.0 {
+                if has_lens && self.lens_radius > 0.0 {
                     let focus = direction * self.focal_distance;
                     let l = concentric_disk(lens) * self.lens_radius;
                     origin = Vec3::new(l.x, l.y, 0.0);
@@ -115,7 +116,7 @@ impl Camera {
                 direction = Vec3::Z;
                 width = self.pixel * self.x.length();
                 spread = 0.0;
-                if self.lens_radius > 0.0 {
+                if has_lens && self.lens_radius > 0.0 {
                     let focus = origin + direction * self.focal_distance;
                     let l = concentric_disk(lens) * self.lens_radius;
                     origin += Vec3::new(l.x, l.y, 0.0);

@@ -1,6 +1,7 @@
 //! Random numbers of path vertices, for eight paths at a time: one path's numbers fill a register, and
 //! so do eight paths' directions. Invariant: what a path gets does not depend on its company.
 
+use super::kernel::Kernel;
 use super::path::Path;
 use super::sampler::{Octet, SetPair};
 use crate::math::warp::cosine_hemisphere;
@@ -36,7 +37,7 @@ impl Draws {
 
     /// Draws for `paths`, at most eight.
     #[inline(always)]
-    pub(super) fn draw(&mut self, paths: &[Path]) {
+    pub(super) fn draw<K: Kernel>(&mut self, paths: &[Path<K>]) {
         for (lane, path) in paths.iter().enumerate().take(LANES) {
             // The paths of a pixel follow each other.
             if path.key != self.sets.key() {

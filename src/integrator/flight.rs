@@ -4,6 +4,7 @@
 //!
 //! Never decides which ray is traced next.
 
+use super::kernel::Kernel;
 use super::path::{Path, Shadow, Wave, World};
 use super::units::{Film, SAMPLE_BITS, UNIT, UNIT_PIECES, Unit, Units};
 use crate::accel::{Accel, Hit, NONE, Ray};
@@ -22,26 +23,36 @@ const WORTH: usize = 1 << 8;
 const WAVE: usize = 1 << 10;
 
 /// Bytes that a unit takes at most, if no more light samples wait than paths do.
-pub const UNIT_BYTES: usize =
-    UNIT_PIECES * PIECE_BYTES + UNIT * (size_of::<Flight>() + size_of::<Probe>() + size_of::<Hit>());
+#[must_use]
+pub const fn unit_bytes<K: Kernel>() -> usize {
+    UNIT_PIECES * PIECE_BYTES + UNIT * (size_of::<Flight<K>>() + size_of::<Probe>() + size_of::<Hit>())
+}
 
 /// Bytes of a hit that waits to be shaded, and of what follows from it.
-pub const HIT_BYTES: usize =
-    size_of::<(Flight, Hit)>() + size_of::<(u64, u32)>() + size_of::<Flight>() + size_of::<Probe>();
+#[must_use]
+pub const fn hit_bytes<K: Kernel>() -> usize {
+    size_of::<(Flight<K>, Hit)>() + size_of::<(u64, u32)>() + size_of::<Flight<K>>() + size_of::<Probe>()
+}
 
 /// A path and how many scattering events it has had.
-#[repr(C)]
+#[repr(C, packed)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Flight {
-    path: Path,
+pub struct Flight<K>
+where
+    K: Kernel,
+{
+    path: Path<K>,
     depth: u32,
 }
 
-/// A ray that asks whether light comes through.
-#[repr(C)]
+/// A ray that asks whether light comes through: a [`Shadow`] as plain words. Those in a medium never wait.
+#[repr(C, packed)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Probe {
-    shadow: Shadow,
+    ray: Ray,
+    /// Added where nothing is in the way.
+    contribution: Rgb,
+    slot: u32,
     /// Which of its sample's light samples it is, modulo 2¹⁶; [`SKY`] for the path's last ray, which asks for the sky.
     order: u32,
 }
@@ -49,7 +60,7 @@ pub struct Probe {
 /// See [`Probe::order`].
 const SKY: u32 = u32::MAX;
 
-impl Traveller for Flight {
+impl<K: Kernel> Traveller for Flight<K> {
     #[inline(always)]
     fn ray(&self) -> Ray {
         Ray::new(self.path.origin, self.path.direction)
@@ -59,21 +70,21 @@ impl Traveller for Flight {
 impl Traveller for Probe {
     #[inline(always)]
     fn ray(&self) -> Ray {
-        self.shadow.ray
+        self.ray
     }
 }
 
 /// Shades what rays meet; a thread's end of a scheduler's queues.
-pub struct Shader<'b, 'a, A: ?Sized> {
+pub struct Shader<'b, 'a, A: ?Sized, K: Kernel> {
     world: &'b World<'a, A>,
     units: &'b Units<'b>,
-    film: &'b dyn Film,
-    met: Vec<(Flight, Hit)>,
+    film: &'b dyn Film<K>,
+    met: Vec<(Flight<K>, Hit)>,
     /// How many are gathered.
     gathered: usize,
     /// Keys of `met` and places in it, to be sorted.
     order: Vec<(u64, u32)>,
-    wave: Wave,
+    wave: Wave<K>,
     slots: Vec<u32>,
     weights: Vec<f32>,
     counters: &'b mut Counters,
@@ -81,12 +92,12 @@ pub struct Shader<'b, 'a, A: ?Sized> {
     stop: &'b (dyn Fn() -> bool + Sync),
 }
 
-impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
+impl<'b, 'a, A: Accel + ?Sized, K: Kernel> Shader<'b, 'a, A, K> {
     /// For one thread, which gathers `gathered` hits.
     pub fn new(
         world: &'b World<'a, A>,
         units: &'b Units<'b>,
-        film: &'b dyn Film,
+        film: &'b dyn Film<K>,
         counters: &'b mut Counters,
         gathered: usize,
         stop: &'b (dyn Fn() -> bool + Sync),
@@ -108,9 +119,9 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
     }
 
     /// Shades what was met, in the order of depths, surfaces and places on them.
-    fn shade(&mut self, fresh: &mut Fresh<Flight, Probe>) {
+    fn shade(&mut self, fresh: &mut Fresh<Flight<K>, Probe>) {
         self.order.clear();
-        let key = |(flight, hit): &(Flight, Hit)| {
+        let key = |(flight, hit): &(Flight<K>, Hit)| {
             // Where geometry comes and goes, by page; else by triangle, whose neighbours have similar numbers.
             let place = if hit.place == NONE { hit.primitive } else { hit.place };
             u64::from(flight.depth.min(255)) << 56
@@ -136,7 +147,7 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
         self.met.clear();
     }
 
-    fn shade_wave(&mut self, order: &[(u64, u32)], depth: u32, fresh: &mut Fresh<Flight, Probe>) {
+    fn shade_wave(&mut self, order: &[(u64, u32)], depth: u32, fresh: &mut Fresh<Flight<K>, Probe>) {
         let Self { world, units, wave, slots, met, counters, film, .. } = self;
         slots.clear();
         wave.paths.clear();
@@ -145,7 +156,7 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
             let (Flight { path, .. }, mut hit) = met[i as usize];
             slots.push(path.slot);
             let mut path = Path { slot: local, ..path };
-            if world.has_interfaces {
+            if K::MEDIA && world.has_interfaces {
                 world.pass_interfaces(&mut path, &mut hit, counters);
             }
             wave.paths.push(path);
@@ -172,9 +183,9 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
                     let order = unit.send(sample);
                     match light {
                         LightSample::Known(light) => unit.add(sample, order, light),
-                        LightSample::Asks(shadow) => {
+                        LightSample::Asks(Shadow { ray, contribution, slot, .. }) => {
                             unit.rays += 1;
-                            fresh.tests.push(Probe { shadow, order: order.into() });
+                            fresh.tests.push(Probe { ray, contribution, slot, order: order.into() });
                         }
                     }
                 }
@@ -196,14 +207,14 @@ impl<'b, 'a, A: Accel + ?Sized> Shader<'b, 'a, A> {
 }
 
 /// A light sample: what it brings, or the ray that finds out.
-enum LightSample {
+enum LightSample<K: Kernel> {
     Known(Rgb),
-    Asks(Shadow),
+    Asks(Shadow<K>),
 }
 
 /// What follows a path's vertex.
-enum After {
-    Flight(Flight),
+enum After<K: Kernel> {
+    Flight(Flight<K>),
     /// Only the sky is left to be seen.
     Sky(Probe),
     End,
@@ -211,9 +222,9 @@ enum After {
 
 impl<A: Accel + ?Sized> World<'_, A> {
     /// Through media and past interfaces light is followed at once.
-    fn light_sample(&self, shadow: Shadow, counters: &mut Counters) -> LightSample {
+    fn light_sample<K: Kernel>(&self, shadow: Shadow<K>, counters: &mut Counters) -> LightSample<K> {
         counters.occluded += 1;
-        if self.has_interfaces || shadow.medium != NONE {
+        if K::MEDIA && (self.has_interfaces || K::medium(shadow.medium) != NONE) {
             LightSample::Known(shadow.contribution * self.transmitted(&shadow, counters))
         } else {
             LightSample::Asks(shadow)
@@ -222,8 +233,8 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
     /// What becomes of `path` after `depth` scattering events. The last ray of a path can only find emission
     /// ([`World::last_step`]).
-    fn after(&self, path: Path, depth: u32, counters: &mut Counters) -> After {
-        if depth < self.max_depth || self.has_interfaces || self.may_emit(&path, counters) {
+    fn after<K: Kernel>(&self, path: Path<K>, depth: u32, counters: &mut Counters) -> After<K> {
+        if depth < self.max_depth || (K::MEDIA && self.has_interfaces) || self.may_emit(&path, counters) {
             counters.closest += 1;
             return After::Flight(Flight { path, depth });
         }
@@ -234,13 +245,12 @@ impl<A: Accel + ?Sized> World<'_, A> {
         self.add_background(&path, &mut contribution);
         counters.occluded += 1;
         let ray = Ray::new(path.origin, path.direction);
-        let shadow = Shadow { ray, contribution, slot: path.slot, medium: NONE };
-        After::Sky(Probe { shadow, order: SKY })
+        After::Sky(Probe { ray, contribution, slot: path.slot, order: SKY })
     }
 }
 
-impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
-    fn begin(&mut self, pieces: Vec<Piece>, fresh: &mut Fresh<Flight, Probe>) -> Option<Vec<Piece>> {
+impl<A: Accel + ?Sized, K: Kernel> Sink<Flight<K>, Probe> for Shader<'_, '_, A, K> {
+    fn begin(&mut self, pieces: Vec<Piece>, fresh: &mut Fresh<Flight<K>, Probe>) -> Option<Vec<Piece>> {
         let count = self.units.units.len() as u32;
         let taken = self
             .units
@@ -264,7 +274,7 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
     }
 
     #[inline(always)]
-    fn hit(&mut self, path: Flight, hit: Hit, fresh: &mut Fresh<Flight, Probe>) {
+    fn hit(&mut self, path: Flight<K>, hit: Hit, fresh: &mut Fresh<Flight<K>, Probe>) {
         self.met.push((path, hit));
         if self.met.len() == self.gathered {
             self.shade(fresh);
@@ -273,19 +283,19 @@ impl<A: Accel + ?Sized> Sink<Flight, Probe> for Shader<'_, '_, A> {
 
     #[inline(always)]
     fn seen(&mut self, probe: Probe, occluded: bool) {
-        let Probe { shadow, order } = probe;
-        self.units.answer(shadow.slot, self.film, self.counters, |unit, sample| {
+        let Probe { contribution, slot, order, .. } = probe;
+        self.units.answer(slot, self.film, self.counters, |unit, sample| {
             if order != SKY {
                 // Not left out where something is in the way: what is infinite shows in every schedule.
                 let transmitted = if occluded { Rgb::ZERO } else { Rgb::ONE };
-                unit.add(sample, order as u16, shadow.contribution * transmitted);
+                unit.add(sample, order as u16, contribution * transmitted);
             } else if !occluded {
-                unit.sums(sample).met += shadow.contribution;
+                unit.sums(sample).met += contribution;
             }
         });
     }
 
-    fn settle(&mut self, all: bool, fresh: &mut Fresh<Flight, Probe>) -> bool {
+    fn settle(&mut self, all: bool, fresh: &mut Fresh<Flight<K>, Probe>) -> bool {
         let enough = if all { 1 } else { WORTH };
         let works = self.met.len() >= enough;
         if works {

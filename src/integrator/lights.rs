@@ -18,6 +18,7 @@ use crate::integrator::light::sphere::Sphere;
 use crate::integrator::light::tree::LightTree;
 use crate::integrator::light::{WideSample, triangle};
 use crate::math::gamma;
+use crate::prepare::Calls;
 use crate::scene::{Channels, ImageId, TextureFilter, TextureId, Wrap};
 use crate::texture::{Footprint, Sampler, TextureCoordinates, Textures};
 use glam::{Vec2, Vec3, Vec3A};
@@ -152,6 +153,20 @@ pub struct Lights {
 }
 
 impl Lights {
+    /// What they ask of a kernel.
+    #[must_use]
+    pub fn calls(&self) -> Calls {
+        let mask = |light: &Bounded| matches!(light.opacity, Opacity::Texture(_));
+        let textured = self.emitters.iter().any(|e| e.image.is_some()) || self.bounded.iter().any(mask);
+        let other = !self.single || self.constant != Rgb::ZERO;
+        Calls::NONE.and_if(textured, Calls::TEXTURES).and_if(other, Calls::LIGHTS)
+    }
+
+    /// Chooses among lights even where there is one.
+    pub fn always_choose(&mut self) {
+        self.single = false;
+    }
+
     /// Whether any light is worth a shadow ray.
     #[inline(always)]
     #[must_use]

@@ -7,7 +7,9 @@ use crate::integrator::bsdf::{
     Bsdf, CoatedTables, Conductor, Dielectric, Diffuse, DiffuseTransmission, Ggx, ThinDielectric,
     roughness_to_alpha,
 };
+use crate::integrator::kernel::Kernel;
 use crate::integrator::sampler::mix;
+use crate::prepare::Calls;
 use crate::scene::{Material, Roughness, SceneDescription, TextureId};
 use crate::texture::{TextureCoordinates, Textures};
 
@@ -108,11 +110,27 @@ impl<'a> Materials<'a> {
         self.may_pass[material as usize]
     }
 
+    /// What `material` asks of a kernel. Of a mix both parts may come, whatever they are.
+    #[must_use]
+    pub fn calls(&self, material: u32) -> Calls {
+        let all = Calls::TEXTURES.and(Calls::LOBES).and(Calls::TRANSMISSION);
+        let calls = match &self.compiled[material as usize] {
+            Compiled::Diffuse(_) => Calls::NONE,
+            Compiled::Ready(bsdf) => Calls::LOBES.and_if(may_transmit(bsdf), Calls::TRANSMISSION),
+            Compiled::TexturedDiffuse(_) => Calls::TEXTURES,
+            Compiled::Textured(..) | Compiled::Mix { .. } => all,
+            Compiled::Interface => Calls::MEDIA,
+        };
+        calls
+            .and_if(self.may_pass(material), Calls::MEDIA)
+            .and_if(self.needs(material).has(Needs::FOOTPRINT), Calls::FOOTPRINTS)
+    }
+
     /// The scattering function at a point. `key` decides between mixed materials and is the same for
     /// whoever asks about one path vertex. Both are asked for only where the material needs them.
     #[inline(always)]
     #[must_use]
-    pub fn scattering(
+    pub fn scattering<K: Kernel>(
         &self,
         material: u32,
         at: impl FnOnce() -> TextureCoordinates,
@@ -121,7 +139,9 @@ impl<'a> Materials<'a> {
         let compiled = &self.compiled[material as usize];
         match compiled {
             Compiled::Diffuse(d) => return Scattering::Diffuse(*d),
-            Compiled::Ready(b) => return Scattering::Other(**b),
+            Compiled::Ready(b) if K::LOBES => return Scattering::Other(**b),
+            Compiled::Interface if K::MEDIA => return Scattering::Passes,
+            _ if !K::TEXTURES => unreachable!("the kernel has what materials call for"),
             _ => {}
         }
         // Asked for in one place: `at` is compiled into it.
@@ -155,6 +175,10 @@ impl<'a> Materials<'a> {
             Compiled::Interface => None,
         }
     }
+}
+
+fn may_transmit(bsdf: &Bsdf<'_>) -> bool {
+    matches!(bsdf, Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::DiffuseTransmission(_))
 }
 
 /// A reflectance a surface can have.

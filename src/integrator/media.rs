@@ -2,11 +2,12 @@
 //! media. Homogeneous and absorbing; what scatters in them is not simulated (the reader warns).
 //! Costs nothing where a scene has neither.
 
+use super::kernel::{Kernel, Part};
 use super::materials::Scattering;
 use super::path::{Path, Shadow, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
-use crate::geometry::{SurfacePoint, offset_origin};
+use crate::geometry::{Kinds, SurfacePoint, offset_origin};
 use crate::scene::{MediumId, MediumInterface};
 use crate::stats::Counters;
 use glam::Vec3A;
@@ -14,16 +15,23 @@ use glam::Vec3A;
 impl<A: Accel + ?Sized> World<'_, A> {
     /// Continues through surfaces that do not scatter. Each stands for one more ray.
     #[cold]
-    pub(super) fn pass_interfaces(&self, path: &mut Path, hit: &mut Hit, counters: &mut Counters) {
+    pub(super) fn pass_interfaces<K: Kernel>(
+        &self,
+        path: &mut Path<K>,
+        hit: &mut Hit,
+        counters: &mut Counters,
+    ) {
         while hit.geometry != NONE {
-            let surface = self.geometry.surface_of(hit);
+            let surface = self.geometry.surface_of(hit, Kinds::ALL);
             let ray = Ray::new(path.origin, path.direction);
-            let Some(point) = self.passed(surface, hit, &ray, path.choice_key()) else { return };
+            let Some(point) = self.passed::<K>(surface, hit, &ray, path.choice_key()) else { return };
             let shading = &self.shading[surface];
-            path.beta *= self.transmittance(path.medium, hit.t);
+            // A packed field cannot be lent to `*=`.
+            let through = self.transmittance(K::medium(path.medium), hit.t);
+            path.beta = through * path.beta;
             let direction = path.direction.into();
-            path.medium = cross(shading.medium, point.ng, direction, path.medium);
-            path.travelled += hit.t;
+            path.medium = cross::<K>(shading.medium, point.ng, direction, path.medium);
+            path.travelled = Part::new(path.travelled.or(0.0) + hit.t);
             path.origin = offset_origin(point.p, point.error, point.ng, direction).into();
             counters.closest += 1;
             *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
@@ -31,14 +39,14 @@ impl<A: Accel + ?Sized> World<'_, A> {
     }
 
     /// The point at which a ray passes a surface without scattering; `None` where it does not.
-    fn passed(&self, surface: usize, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
+    fn passed<K: Kernel>(&self, surface: usize, hit: &Hit, ray: &Ray, key: u32) -> Option<SurfacePoint> {
         let shading = &self.shading[surface];
         if !shading.may_pass || shading.emitter != NONE {
             return None;
         }
-        let point = self.geometry.surface_point(hit, surface, || *ray);
+        let point = self.geometry.surface_point(hit, surface, || *ray, Kinds::ALL);
         let at = || self.coordinates(&point, key);
-        let scattering = self.materials.scattering(shading.material, at, || key);
+        let scattering = self.materials.scattering::<K>(shading.material, at, || key);
         matches!(scattering, Scattering::Passes).then_some(point)
     }
 
@@ -56,7 +64,7 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
     /// What reaches the light through media and interfaces.
     #[cold]
-    pub(super) fn transmitted(&self, shadow: &Shadow, counters: &mut Counters) -> Rgb {
+    pub(super) fn transmitted<K: Kernel>(&self, shadow: &Shadow<K>, counters: &mut Counters) -> Rgb {
         let (mut ray, mut medium, mut through) = (shadow.ray, shadow.medium, Rgb::ONE);
         loop {
             // What is left of the way: an interface passed shortens it.
@@ -64,15 +72,15 @@ impl<A: Accel + ?Sized> World<'_, A> {
             let hit = self.accel.closest(&ray);
             counters.closest += 1;
             if hit.geometry == NONE {
-                return through * self.transmittance(medium, ray.t_max * length);
+                return through * self.transmittance(K::medium(medium), ray.t_max * length);
             }
-            let surface = self.geometry.surface_of(&hit);
+            let surface = self.geometry.surface_of(&hit, Kinds::ALL);
             // A mix decides by the point alone here: a shadow ray is nobody's path.
-            let Some(point) = self.passed(surface, &hit, &ray, 0) else { return Rgb::ZERO };
+            let Some(point) = self.passed::<K>(surface, &hit, &ray, 0) else { return Rgb::ZERO };
             let shading = &self.shading[surface];
-            through *= self.transmittance(medium, hit.t * length);
+            through *= self.transmittance(K::medium(medium), hit.t * length);
             let direction = ray.direction.into();
-            medium = cross(shading.medium, point.ng, direction, medium);
+            medium = cross::<K>(shading.medium, point.ng, direction, medium);
             let origin = offset_origin(point.p, point.error, point.ng, direction).into();
             if ray.t_max.is_finite() {
                 ray.direction = ray.origin + ray.direction - origin;
@@ -84,10 +92,15 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
 /// The medium behind a surface in direction `w`.
 #[inline(always)]
-pub(super) fn cross(interface: Option<MediumInterface>, ng: Vec3A, w: Vec3A, current: u32) -> u32 {
+pub(super) fn cross<K: Kernel>(
+    interface: Option<MediumInterface>,
+    ng: Vec3A,
+    w: Vec3A,
+    current: K::Medium,
+) -> K::Medium {
     match interface {
-        None => current,
-        Some(m) => medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside }),
+        Some(m) if K::MEDIA => Part::new(medium_index(if w.dot(ng) > 0.0 { m.outside } else { m.inside })),
+        _ => current,
     }
 }
 

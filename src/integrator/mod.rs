@@ -5,6 +5,7 @@ pub mod camera;
 pub mod cone;
 mod draws;
 pub mod flight;
+pub mod kernel;
 pub mod light;
 pub mod lights;
 pub mod lights_build;

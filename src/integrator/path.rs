@@ -10,10 +10,12 @@ use crate::color::Rgb;
 use crate::geometry::{Needs, Surfaces};
 use crate::integrator::camera::{Camera, CameraRay};
 use crate::integrator::cone::Cone;
+use crate::integrator::kernel::{Kernel, Part};
 use crate::integrator::lights::Lights;
 use crate::integrator::materials::Materials;
 use crate::integrator::media::medium_index;
 use crate::integrator::sampler::Set;
+use crate::prepare::{Calls, KernelName, kernel_for};
 use crate::scene::{Medium, MediumId, MediumInterface};
 use crate::settings::Estimator;
 use crate::stats::Counters;
@@ -60,10 +62,10 @@ pub struct World<'a, A: ?Sized> {
     pub max_depth: u32,
     /// Throughput below which paths play roulette; 0 turns it off.
     pub rr_threshold: f32,
+    /// What is called for: by the scene, or because it is forced.
+    pub calls: Calls,
     /// Texture footprints shrink with the sample count (pbrt: max(1/8, 1/√spp)).
     pub footprint_scale: f32,
-    /// Whether any surface asks for footprints.
-    pub wants_footprints: bool,
     /// How direct light is estimated.
     pub estimator: Estimator,
     /// Whether next-event estimation has anything to do: lights to sample, and an estimator that does.
@@ -72,10 +74,13 @@ pub struct World<'a, A: ?Sized> {
     pub has_interfaces: bool,
 }
 
-/// A path between two events.
-#[repr(C)]
+/// A path between two events, with what the kernel `K` may change of it. Packed, so that it is plain words whatever it has.
+#[repr(C, packed)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Path {
+pub struct Path<K>
+where
+    K: Kernel,
+{
     /// Where the ray starts.
     pub origin: Vec3,
     /// Unit direction.
@@ -85,9 +90,9 @@ pub struct Path {
     /// Density with which the direction was drawn [1/sr]; 0 when no light sampling competes.
     pub pdf: f32,
     /// Product of squared index ratios, so that roulette ignores what will be undone on leaving.
-    pub eta_scale: f32,
+    pub eta_scale: K::Ratio,
     /// Distance between the last scattering event and `origin` (interfaces passed on the way).
-    pub travelled: f32,
+    pub travelled: K::Travelled,
     /// Key of the pixel.
     pub key: u32,
     /// Sample number with its bits reversed, as [`SetPair`](super::sampler::SetPair) takes it.
@@ -95,15 +100,14 @@ pub struct Path {
     /// Where its radiance is summed.
     pub slot: u32,
     /// Medium around the ray, or [`NONE`].
-    pub medium: u32,
+    pub medium: K::Medium,
     /// Its width for texture footprints, if any are wanted.
-    pub cone: Cone,
+    pub cone: K::Cone,
 }
 
 /// A light sample that waits for its visibility.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Shadow {
+#[derive(Clone, Copy, Debug)]
+pub struct Shadow<K: Kernel> {
     /// From the surface to the light.
     pub ray: Ray,
     /// Added where nothing is in the way.
@@ -111,23 +115,29 @@ pub struct Shadow {
     /// Where.
     pub slot: u32,
     /// Medium at its start, or [`NONE`].
-    pub medium: u32,
+    pub medium: K::Medium,
 }
 
 /// Paths that go on together, and room for what they meet. Reused from wave to wave.
-#[derive(Default)]
-pub struct Wave {
+pub struct Wave<K: Kernel> {
     /// Paths alive.
-    pub paths: Vec<Path>,
+    pub paths: Vec<Path<K>>,
     /// What each path's ray met; those beyond the paths alive mean nothing.
     pub(super) hits: Vec<Hit>,
     /// Shadow rays of one step.
-    pub(super) shadows: Vec<Shadow>,
+    pub(super) shadows: Vec<Shadow<K>>,
     /// Radiance by slot.
     pub radiance: Vec<Rgb>,
     /// What light samples have brought of it, until the end. A sum of its own, so that schedules in which light samples
     /// come back late add alike.
     direct: Vec<Rgb>,
+}
+
+impl<K: Kernel> Default for Wave<K> {
+    fn default() -> Self {
+        let (radiance, direct) = (Vec::new(), Vec::new());
+        Self { paths: Vec::new(), hits: Vec::new(), shadows: Vec::new(), radiance, direct }
+    }
 }
 
 /// Whether the processor has all that [`World::run_avx2`] is compiled for.
@@ -141,11 +151,17 @@ fn has_avx2() -> bool {
 const STOP_EVERY: u32 = 64;
 
 impl<'a, A: Accel + ?Sized> World<'a, A> {
+    /// The kernel that has all that is called for.
+    #[must_use]
+    pub fn kernel(&self) -> KernelName {
+        kernel_for(self.calls)
+    }
+
     /// Adds camera paths to `wave`: samples `samples` of the pixel with centre `centre` and key `key`.
     /// `filter` draws a sample's place around the centre and its weight, which goes to `weights`.
-    pub fn start(
+    pub fn start<K: Kernel>(
         &self,
-        wave: &mut Wave,
+        wave: &mut Wave<K>,
         weights: &mut Vec<f32>,
         pixel: (Vec2, u32),
         samples: Range<u32>,
@@ -162,9 +178,9 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// [`Self::start_here`] as [`Self::run_avx2`] is [`Self::run_here`].
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-    fn start_avx2(
+    fn start_avx2<K: Kernel>(
         &self,
-        wave: &mut Wave,
+        wave: &mut Wave<K>,
         weights: &mut Vec<f32>,
         pixel: (Vec2, u32),
         samples: Range<u32>,
@@ -174,9 +190,9 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     }
 
     #[inline(always)]
-    fn start_here(
+    fn start_here<K: Kernel>(
         &self,
-        wave: &mut Wave,
+        wave: &mut Wave<K>,
         weights: &mut Vec<f32>,
         (centre, key): (Vec2, u32),
         samples: Range<u32>,
@@ -189,7 +205,8 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
             let u = set.sample(sample);
             let (offset, weight) = filter(Vec2::new(u[0], u[1]));
             weights.push(weight);
-            let CameraRay { ray, cone } = self.camera.ray(centre + offset, Vec2::new(u[2], u[3]));
+            let lens = Vec2::new(u[2], u[3]);
+            let CameraRay { ray, cone } = self.camera.ray(centre + offset, lens, K::LENS);
             let scale = self.footprint_scale;
             let slot = wave.paths.len() as u32;
             wave.paths.push(Path {
@@ -197,20 +214,25 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
                 direction: ray.direction,
                 beta: Rgb::ONE,
                 pdf: 0.0,
-                eta_scale: 1.0,
-                travelled: 0.0,
+                eta_scale: Part::new(1.0),
+                travelled: Part::new(0.0),
                 key,
                 sample,
                 slot,
-                medium,
-                cone: Cone { width: cone.width * scale, spread: cone.spread * scale },
+                medium: Part::new(medium),
+                cone: Part::new(Cone { width: cone.width * scale, spread: cone.spread * scale }),
             });
         }
     }
 
     /// Runs the paths of `wave` to their end; `wave.radiance` holds the result. Asks `stop` now and
     /// then on long paths; false when it said so, and the radiance is then of no use.
-    pub fn run(&self, wave: &mut Wave, counters: &mut Counters, stop: &dyn Fn() -> bool) -> bool {
+    pub fn run<K: Kernel>(
+        &self,
+        wave: &mut Wave<K>,
+        counters: &mut Counters,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
         #[cfg(target_arch = "x86_64")]
         if has_avx2() {
             // SAFETY: the processor has been found to have every feature it is compiled for.
@@ -223,12 +245,22 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// order, so the same bits, in fewer and wider instructions.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-    fn run_avx2(&self, wave: &mut Wave, counters: &mut Counters, stop: &dyn Fn() -> bool) -> bool {
+    fn run_avx2<K: Kernel>(
+        &self,
+        wave: &mut Wave<K>,
+        counters: &mut Counters,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
         self.run_here(wave, counters, stop)
     }
 
     #[inline(always)]
-    fn run_here(&self, wave: &mut Wave, counters: &mut Counters, stop: &dyn Fn() -> bool) -> bool {
+    fn run_here<K: Kernel>(
+        &self,
+        wave: &mut Wave<K>,
+        counters: &mut Counters,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
         let count = wave.paths.len();
         wave.radiance.clear();
         wave.radiance.resize(count, Rgb::ZERO);
@@ -260,13 +292,13 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
 
     /// Finds what every path's ray meets, passing interfaces.
     #[inline(always)]
-    fn trace(&self, wave: &mut Wave, counters: &mut Counters) {
+    fn trace<K: Kernel>(&self, wave: &mut Wave<K>, counters: &mut Counters) {
         let hits = &mut wave.hits[..wave.paths.len()];
         counters.closest += hits.len() as u64;
         for (path, hit) in wave.paths.iter().zip(&mut *hits) {
             *hit = self.accel.closest(&Ray::new(path.origin, path.direction));
         }
-        if self.has_interfaces {
+        if K::MEDIA && self.has_interfaces {
             for (path, hit) in wave.paths.iter_mut().zip(hits) {
                 self.pass_interfaces(path, hit, counters);
             }
@@ -275,10 +307,10 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
 
     /// Adds the light samples that nothing occludes.
     #[inline(always)]
-    fn connect(&self, wave: &mut Wave, counters: &mut Counters) {
+    fn connect<K: Kernel>(&self, wave: &mut Wave<K>, counters: &mut Counters) {
         counters.occluded += wave.shadows.len() as u64;
         for shadow in &wave.shadows {
-            let transmitted = if self.has_interfaces || shadow.medium != NONE {
+            let transmitted = if K::MEDIA && (self.has_interfaces || K::medium(shadow.medium) != NONE) {
                 self.transmitted(shadow, counters)
             } else if self.accel.occluded(&shadow.ray) {
                 Rgb::ZERO
@@ -293,10 +325,9 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// against those alone; only what finds one there is traced in full, and what finds none asks
     /// no more than whether the sky is open. Same picture, fewer nodes.
     #[inline(always)]
-    fn last_step(&self, wave: &mut Wave, counters: &mut Counters) {
+    fn last_step<K: Kernel>(&self, wave: &mut Wave<K>, counters: &mut Counters) {
         let sky = self.lights.has_background();
-        let plain = self.has_interfaces;
-        if !plain {
+        if !(K::MEDIA && self.has_interfaces) {
             let mut kept = 0;
             for i in 0..wave.paths.len() {
                 let path = wave.paths[i];
@@ -318,7 +349,7 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
 
     /// Whether the ray of `path` may run into a surface that emits.
     #[inline(always)]
-    pub(super) fn may_emit(&self, path: &Path, counters: &mut Counters) -> bool {
+    pub(super) fn may_emit<K: Kernel>(&self, path: &Path<K>, counters: &mut Counters) -> bool {
         match self.emitters_only {
             Some(emitters) => {
                 counters.occluded += 1;
@@ -329,7 +360,7 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     }
 
     /// [`Self::shade`] for whoever traces by itself.
-    pub(super) fn shade_wave(&self, wave: &mut Wave, depth: u32) {
+    pub(super) fn shade_wave<K: Kernel>(&self, wave: &mut Wave<K>, depth: u32) {
         #[cfg(target_arch = "x86_64")]
         if has_avx2() {
             // SAFETY: the processor has been found to have every feature it is compiled for.
@@ -341,12 +372,12 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// [`Self::shade`] as [`Self::run_avx2`] is [`Self::run_here`].
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-    fn shade_avx2(&self, wave: &mut Wave, depth: u32) {
+    fn shade_avx2<K: Kernel>(&self, wave: &mut Wave<K>, depth: u32) {
         self.shade(wave, depth);
     }
 }
 
-impl Path {
+impl<K: Kernel> Path<K> {
     /// Decides between mixed materials; the same for all who ask about one vertex.
     #[inline(always)]
     pub(super) fn choice_key(&self) -> u32 {
@@ -356,6 +387,7 @@ impl Path {
     /// The last scattering event, from which light sampling would have started.
     #[inline(always)]
     pub(super) fn reference(&self) -> Vec3 {
-        self.origin - self.direction * self.travelled
+        let travelled = self.travelled.or(0.0);
+        if travelled == 0.0 { self.origin } else { self.origin - self.direction * travelled }
     }
 }

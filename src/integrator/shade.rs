@@ -7,6 +7,7 @@
 use super::bsdf::{BsdfSample, Scatter};
 use super::cone::{self, Cone, Event, sample_angle};
 use super::draws::{Draws, LANES};
+use super::kernel::{Kernel, Part};
 use super::lights::{Emitter, NO_LIGHT, power_heuristic};
 use super::materials::Scattering;
 use super::media::cross;
@@ -15,6 +16,7 @@ use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::color::Rgb;
 use crate::geometry::{Needs, SurfacePoint, offset_origin};
 use crate::math::Frame;
+use crate::prepare::Calls;
 use crate::settings::Estimator;
 use crate::texture::TextureCoordinates;
 use glam::{Vec2, Vec3, Vec3A};
@@ -26,7 +28,7 @@ const PREFETCH_VERTICES: usize = 6;
 impl<A: Accel + ?Sized> World<'_, A> {
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
     #[inline(always)]
-    pub(super) fn shade(&self, wave: &mut Wave, depth: u32) {
+    pub(super) fn shade<K: Kernel>(&self, wave: &mut Wave<K>, depth: u32) {
         let Wave { paths, hits, shadows, radiance, .. } = wave;
         let hits = &hits[..paths.len()];
         shadows.clear();
@@ -40,10 +42,10 @@ impl<A: Accel + ?Sized> World<'_, A> {
             }
             for i in group {
                 if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
-                    self.geometry.prefetch_indices(hit);
+                    self.geometry.prefetch_indices(hit, K::KINDS);
                 }
                 if let Some(hit) = hits.get(i + PREFETCH_VERTICES) {
-                    self.geometry.prefetch_vertices(hit);
+                    self.geometry.prefetch_vertices(hit, K::KINDS);
                 }
                 let (path, draw) = (&paths[i], (draws.numbers(i - start), draws.cosine(i - start)));
                 let radiance = &mut radiance[path.slot as usize];
@@ -58,17 +60,17 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
     /// Radiance from where no surface is.
     #[inline(always)]
-    pub(super) fn add_background(&self, path: &Path, radiance: &mut Rgb) {
+    pub(super) fn add_background<K: Kernel>(&self, path: &Path<K>, radiance: &mut Rgb) {
         // A medium without end absorbs what comes from infinitely far.
-        let beta = path.beta * self.transmittance(path.medium, f32::INFINITY);
+        let beta = path.beta * self.transmittance(K::medium(path.medium), f32::INFINITY);
         *radiance += beta * self.lights.background(path.direction, path.pdf);
     }
 
     /// Emission of a surface towards the path of weight `beta`, weighted against light sampling.
     #[inline(always)]
-    fn add_emission(
+    fn add_emission<K: Kernel>(
         &self,
-        path: &Path,
+        path: &Path<K>,
         beta: Rgb,
         hit: &Hit,
         point: &SurfacePoint,
@@ -85,7 +87,7 @@ impl<A: Accel + ?Sized> World<'_, A> {
         }
         let mut weight = 1.0;
         if path.pdf > 0.0 {
-            let distance = path.travelled + hit.t;
+            let distance = path.travelled.or(0.0) + hit.t;
             let at = Vec2::new(hit.u, hit.v);
             let pdf = self.lights.pdf_area(path.reference(), light, point, at, distance, cos.abs());
             weight = power_heuristic(path.pdf, pdf);
@@ -95,25 +97,26 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
     /// The path behind what `path` met; `None` where it ends.
     #[inline(always)]
-    fn shade_one(
+    fn shade_one<K: Kernel>(
         &self,
-        path: &Path,
+        path: &Path<K>,
         hit: &Hit,
         depth: u32,
         draw: (&[f32; 8], Vec3),
         radiance: &mut Rgb,
-        shadows: &mut Vec<Shadow>,
-    ) -> Option<Path> {
+        shadows: &mut Vec<Shadow<K>>,
+    ) -> Option<Path<K>> {
         if hit.geometry == NONE {
             self.add_background(path, radiance);
             return None;
         }
-        let surface = self.geometry.surface_of(hit);
+        let surface = self.geometry.surface_of(hit, K::KINDS);
         let shading = &self.shading[surface];
-        let point = &self.geometry.surface_point(hit, surface, || Ray::new(path.origin, path.direction));
+        let ray = || Ray::new(path.origin, path.direction);
+        let point = &self.geometry.surface_point(hit, surface, ray, K::KINDS);
         let mut beta = path.beta;
-        if path.medium != NONE {
-            beta *= self.transmittance(path.medium, hit.t);
+        if K::MEDIA && K::medium(path.medium) != NONE {
+            beta *= self.transmittance(K::medium(path.medium), hit.t);
         }
         if shading.emitter != NONE {
             let emitter = &self.lights.emitters[shading.emitter as usize];
@@ -122,13 +125,13 @@ impl<A: Accel + ?Sized> World<'_, A> {
         if depth >= self.max_depth {
             return None;
         }
-        let scattering = self.materials.scattering(
+        let scattering = self.materials.scattering::<K>(
             shading.material,
             // A call would need all of it in memory, of which most look-ups read little.
             #[inline(always)]
             || {
                 let mut at = self.coordinates(point, path.choice_key());
-                if shading.needs.has(Needs::FOOTPRINT) {
+                if K::FOOTPRINTS && shading.needs.has(Needs::FOOTPRINT) {
                     self.add_footprint(&mut at, path, hit, surface, point);
                 }
                 at
@@ -137,17 +140,22 @@ impl<A: Accel + ?Sized> World<'_, A> {
         );
         match scattering {
             Scattering::Diffuse(d) => self.scatter(&d, path, beta, hit, shading, point, depth, draw, shadows),
-            Scattering::Other(b) => self.scatter(&b, path, beta, hit, shading, point, depth, draw, shadows),
+            Scattering::Other(b) if K::LOBES => {
+                self.scatter(&b, path, beta, hit, shading, point, depth, draw, shadows)
+            }
             // An interface that `trace` did not pass, because it emits.
-            Scattering::Passes => {
+            Scattering::Passes if K::MEDIA => {
                 let direction = path.direction.into();
                 Some(Path {
                     beta,
-                    travelled: path.travelled + hit.t,
+                    travelled: Part::new(path.travelled.or(0.0) + hit.t),
                     origin: offset_origin(point.p, point.error, point.ng, direction).into(),
-                    medium: cross(shading.medium, point.ng, direction, path.medium),
+                    medium: cross::<K>(shading.medium, point.ng, direction, path.medium),
                     ..*path
                 })
+            }
+            Scattering::Other(_) | Scattering::Passes => {
+                unreachable!("the kernel has what materials call for")
             }
         }
     }
@@ -156,19 +164,19 @@ impl<A: Accel + ?Sized> World<'_, A> {
     /// scattering function that it is called with.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "the parts of one vertex; a record of them costs copies")]
-    fn scatter(
+    fn scatter<K: Kernel>(
         &self,
         bsdf: &impl Scatter,
-        path: &Path,
+        path: &Path<K>,
         mut beta: Rgb,
         hit: &Hit,
         shading: &SurfaceShading,
         point: &SurfacePoint,
         depth: u32,
         (u, cosine): (&[f32; 8], Vec3),
-        shadows: &mut Vec<Shadow>,
-    ) -> Option<Path> {
-        let frame = if shading.needs.has(Needs::TANGENT) {
+        shadows: &mut Vec<Shadow<K>>,
+    ) -> Option<Path<K>> {
+        let frame = if K::LOBES && shading.needs.has(Needs::TANGENT) {
             Frame::from_z_x(point.ns.into(), point.dpdu)
         } else {
             Frame::from_z(point.ns.into())
@@ -188,14 +196,14 @@ impl<A: Accel + ?Sized> World<'_, A> {
                     ray: light.ray_from(point.p, point.error, point.ng),
                     contribution: beta * f * light.radiance * (weight / light.pdf),
                     slot: path.slot,
-                    medium: cross(shading.medium, point.ng, light.wi, path.medium),
+                    medium: cross::<K>(shading.medium, point.ng, light.wi, path.medium),
                 });
             }
         }
 
         let s = bsdf.sample(wo, u[2], Vec2::new(u[0], u[1]), cosine)?;
         beta *= s.weight;
-        let mut eta_scale = path.eta_scale;
+        let mut eta_scale = path.eta_scale.or(1.0);
         if s.transmission {
             eta_scale *= s.eta * s.eta;
         }
@@ -224,11 +232,11 @@ impl<A: Accel + ?Sized> World<'_, A> {
                 // So improbable beside light sampling that the heuristic gives it no weight.
                 Estimator::Lights => f32::MIN_POSITIVE,
             },
-            eta_scale,
-            travelled: 0.0,
-            medium: cross(shading.medium, point.ng, wide, path.medium),
-            cone: if self.wants_footprints {
-                self.next_cone(path, hit, point, &s, direction)
+            eta_scale: Part::new(eta_scale),
+            travelled: Part::new(0.0),
+            medium: cross::<K>(shading.medium, point.ng, wide, path.medium),
+            cone: if K::FOOTPRINTS && self.calls.has(Calls::FOOTPRINTS) {
+                Part::new(self.next_cone(path, hit, point, &s, direction))
             } else {
                 path.cone
             },
@@ -244,15 +252,15 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
     /// Adds what the path's cone covers of the surface.
     #[inline(always)]
-    fn add_footprint(
+    fn add_footprint<K: Kernel>(
         &self,
         at: &mut TextureCoordinates,
-        path: &Path,
+        path: &Path<K>,
         hit: &Hit,
         surface: usize,
         point: &SurfacePoint,
     ) {
-        let width = path.cone.width_at(path.travelled + hit.t);
+        let width = path.cone.or(Cone::default()).width_at(path.travelled.or(0.0) + hit.t);
         let ellipse = cone::ellipse(width, path.direction.into(), point.ng);
         let tangents = self.geometry.tangents(hit, surface, || Ray::new(path.origin, path.direction));
         [at.dp_dx, at.dp_dy] = ellipse.axes();
@@ -261,9 +269,9 @@ impl<A: Accel + ?Sized> World<'_, A> {
 
     /// The path's cone behind the surface, in `direction`.
     #[inline(always)]
-    fn next_cone(
+    fn next_cone<K: Kernel>(
         &self,
-        path: &Path,
+        path: &Path<K>,
         hit: &Hit,
         point: &SurfacePoint,
         s: &BsdfSample,
@@ -274,7 +282,7 @@ impl<A: Accel + ?Sized> World<'_, A> {
         // A lobe this wide hides what curvature adds.
         let narrow = s.delta || s.pdf > 1.0;
         let curvature =
-            if narrow { self.geometry.curvature(hit, self.geometry.surface_of(hit)) } else { 0.0 };
+            if narrow { self.geometry.curvature(hit, self.geometry.surface_of(hit, K::KINDS)) } else { 0.0 };
         let event = Event {
             // Seen from behind, what bulges is hollow.
             curvature: if cos < 0.0 { curvature } else { -curvature },
@@ -283,6 +291,6 @@ impl<A: Accel + ?Sized> World<'_, A> {
             through: s.transmission.then_some(s.eta),
             rough: if s.delta { 0.0 } else { sample_angle(s.pdf, self.footprint_scale) },
         };
-        path.cone.after(path.travelled + hit.t, &event)
+        path.cone.or(Cone::default()).after(path.travelled.or(0.0) + hit.t, &event)
     }
 }

@@ -7,6 +7,7 @@
 //!
 //! Invariant: the terms of a sum are added in the order of the path's vertices.
 
+use super::kernel::Kernel;
 use super::path::Wave;
 use crate::color::Rgb;
 use crate::permits::lock;
@@ -30,9 +31,9 @@ const IN_A_PIECE: usize = WORDS * 4 / size_of::<Sums>();
 pub const UNIT_PIECES: usize = UNIT / IN_A_PIECE;
 
 /// Where samples come from and go to; units are counted from zero.
-pub trait Film: Sync {
+pub trait Film<K: Kernel>: Sync {
     /// Adds the camera paths of `unit` to `wave`, and the weights of their samples to `weights`: [`UNIT`] at most.
-    fn start(&self, unit: u32, wave: &mut Wave, weights: &mut Vec<f32>);
+    fn start(&self, unit: u32, wave: &mut Wave<K>, weights: &mut Vec<f32>);
     /// Takes the radiance of all samples of `unit`.
     fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters);
 }
@@ -146,10 +147,10 @@ impl Units<'_> {
     /// Counts a ray of the sample `slot` as answered, and lets `add` write down what came of it: nothing that may wait,
     /// since the unit is locked. The last answer of a unit ends it.
     #[inline(always)]
-    pub(super) fn answer(
+    pub(super) fn answer<K: Kernel>(
         &self,
         slot: u32,
-        film: &dyn Film,
+        film: &dyn Film<K>,
         counters: &mut Counters,
         add: impl FnOnce(&mut Unit, u32),
     ) {
@@ -166,7 +167,7 @@ impl Units<'_> {
         done.into_iter().for_each(|unit| self.finish(name, unit, film, counters));
     }
 
-    fn finish(&self, name: u32, unit: Unit, film: &dyn Film, counters: &mut Counters) {
+    fn finish<K: Kernel>(&self, name: u32, unit: Unit, film: &dyn Film<K>, counters: &mut Counters) {
         let sums = || unit.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
         let radiance: Vec<Rgb> = sums().take(unit.samples).map(|sums| sums.met + sums.direct).collect();
         let weights: Vec<f32> = sums().take(unit.samples).map(|sums| sums.weight).collect();

@@ -4,7 +4,7 @@
 //! Never opens a file.
 
 use super::textures::{KnownTexture, known_textures};
-use super::{all_shapes, is_visible};
+use super::{Calls, all_shapes, is_visible};
 use crate::error::Location;
 use crate::scene::{
     AreaLight, CameraKind, Light, Material, MaterialId, MeshSource, Roughness, SceneDescription, Shape,
@@ -75,6 +75,38 @@ pub fn effects(scene: &SceneDescription) -> BTreeMap<String, EffectStats> {
     }
     of_lights(scene, &mut found);
     EFFECTS.iter().map(|&effect| (effect.to_owned(), told(scene, effect, found.0.get(effect)))).collect()
+}
+
+/// What paths of `scene` call for, as far as its description says it; `pages`, whether geometry will come and go.
+#[must_use]
+pub fn calls(scene: &SceneDescription, pages: bool) -> Calls {
+    let materials = Materials::new(scene);
+    let of_shape = |shape: &Shape| {
+        let material = &scene.materials[shape.material.index()];
+        let own = &materials.kinds[shape.material.index()];
+        // Of a mix both parts may come.
+        let mix = matches!(material, Material::Mix { .. });
+        let textured = own.texture.is_some() || mix;
+        let lobes = !matches!(material, Material::Diffuse { .. } | Material::Interface);
+        let varies = |alpha: TextureId| materials.known[alpha.index()].constant.is_none();
+        let light = shape.area_light.map(|light| &scene.area_lights[light.index()]);
+        let textured_light =
+            light.is_some_and(|light| light.image.is_some() || shape.alpha.is_some_and(varies));
+        Calls::NONE
+            .and_if(textured || textured_light, Calls::TEXTURES)
+            .and_if(lobes, Calls::LOBES)
+            .and_if(lobes && (own.transmits || textured), Calls::TRANSMISSION)
+            .and_if(own.filtered.is_some() && !own.passes, Calls::FOOTPRINTS)
+            .and_if(own.passes || shape.medium.is_some(), Calls::MEDIA)
+            .and_if(!matches!(shape.kind, ShapeKind::Mesh(_)), Calls::SHAPES)
+    };
+    all_shapes(scene)
+        .filter(|s| is_visible(scene, s))
+        .fold(Calls::NONE, |calls, shape| calls.and(of_shape(shape)))
+        .and_if(pages, Calls::SHAPES)
+        .and_if(!scene.instances.is_empty(), Calls::INSTANCES)
+        .and_if(scene.camera_medium.is_some(), Calls::MEDIA)
+        .and_if(scene.camera.lens_radius > 0.0, Calls::LENS)
 }
 
 fn told(scene: &SceneDescription, effect: &str, asked: Option<&Asked>) -> EffectStats {

@@ -8,6 +8,7 @@ mod bytes;
 mod divide;
 mod effects;
 mod images;
+mod kernel;
 mod schedule;
 mod textures;
 
@@ -15,8 +16,9 @@ pub use bytes::{
     GeometryBytes, LEAST_PAGED, description_bytes, displaced_facts, film_bytes, geometry_bytes, light_bytes,
 };
 pub use divide::{Division, Least, divide};
-pub use effects::{EFFECTS, effects};
+pub use effects::{EFFECTS, calls, effects};
 pub use images::{ImageNeeds, image_needs};
+pub use kernel::{Calls, KernelName, calls_named, forced, kernel_for};
 pub use schedule::{Store, choose};
 pub use textures::{KnownTexture, known_textures, mix};
 
@@ -112,7 +114,10 @@ pub fn plan(
     let (schedule, because) = choose(settings, store);
     let whole_textures = headers.textures <= division.textures && !headers.tiled_files;
     let [film, lights, description] = fixed;
+    let calls = calls(scene, pages).and(forced(&settings.force_effects));
     let stats = PlanStats {
+        kernel: kernel_for(calls).name().to_owned(),
+        calls: calls_named(calls),
         effects: effects(scene),
         schedule: schedule.name().to_owned(),
         because,

@@ -17,7 +17,7 @@ use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
 use crate::integrator::lights::Lights;
 use crate::integrator::path::World;
-use crate::prepare::{RenderPlan, Store, choose};
+use crate::prepare::{RenderPlan, Store, calls_named, choose};
 use crate::scene::{Film, SceneDescription};
 use crate::settings::{Backend, RenderSettings, Schedule};
 use crate::stats::{self, AccountedBytes, RenderStats, SchedulerStats};
@@ -109,6 +109,8 @@ pub fn with_frames<R>(
     hold_to_what_came(&mut plan, settings, geometry);
 
     let world = stage.world(scene, settings, film.size, lights, (&*accel, emitters.as_deref()));
+    plan.stats.kernel = world.kernel().name().to_owned();
+    plan.stats.calls = calls_named(world.calls);
     let (stage, builder) = (&stage, &builder);
     work(&mut Frames { scene, stage, builder, world, staying, loaded, plan, threads, start, control })
 }

@@ -10,6 +10,7 @@ use crate::accel::Accel;
 use crate::color::Rgb;
 use crate::film::{FilmBuffer, FilterSampler};
 use crate::geometry::pages::PageStore;
+use crate::integrator::kernel::{Kernel, with_kernel};
 use crate::integrator::path::{Wave, World};
 use crate::integrator::sampler::pixel_key;
 use crate::permits::Permits;
@@ -71,11 +72,15 @@ impl<A: Accel + ?Sized> Job<'_, A> {
     /// Renders a wave at a time on each thread.
     pub(super) fn run(&self, threads: usize) -> Counters {
         (self.control.progress)(Progress::Phase("rendering"));
+        with_kernel!(self.world.kernel(), K => self.run_with::<K>(threads))
+    }
+
+    fn run_with<K: Kernel>(&self, threads: usize) -> Counters {
         if self.pages.is_none_or(PageStore::fits_all) {
-            return self.crew(threads, |counters| self.work(counters));
+            return self.crew(threads, |counters| self.work::<K>(counters));
         }
         let permits = Permits::new(threads);
-        self.crew(workers(threads), |counters| permits.hold(|| self.work(counters)))
+        self.crew(workers(threads), |counters| permits.hold(|| self.work::<K>(counters)))
     }
 
     /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand; what they count.
@@ -110,8 +115,8 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         total
     }
 
-    fn work(&self, counters: &mut Counters) {
-        let mut wave = Wave::default();
+    fn work<K: Kernel>(&self, counters: &mut Counters) {
+        let mut wave = Wave::<K>::default();
         let mut scratch = Scratch::default();
         let tiles = u64::from(self.buffer.tile_count());
         let passes = u64::from(self.spp.div_ceil(PASS));
@@ -167,11 +172,11 @@ impl<A: Accel + ?Sized> Job<'_, A> {
 
     /// One pass over one tile: camera paths for its pixels, run to their end, summed by pixel. False
     /// when it was stopped on the way, and added nothing.
-    fn tile(
+    fn tile<K: Kernel>(
         &self,
         tile: u32,
         pass: u32,
-        wave: &mut Wave,
+        wave: &mut Wave<K>,
         scratch: &mut Scratch,
         counters: &mut Counters,
     ) -> bool {
@@ -186,7 +191,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
     }
 
     /// Adds the camera paths of one pass over one tile to `wave`, and the weights of their samples to `weights`.
-    pub(super) fn start(&self, tile: u32, pass: u32, wave: &mut Wave, weights: &mut Vec<f32>) {
+    pub(super) fn start<K: Kernel>(&self, tile: u32, pass: u32, wave: &mut Wave<K>, weights: &mut Vec<f32>) {
         let [x0, y0, x1, y1] = self.buffer.rectangle(tile);
         for y in y0..y1 {
             for x in x0..x1 {

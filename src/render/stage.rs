@@ -9,13 +9,13 @@ use super::load::load;
 use super::plan::Planned;
 use crate::accel::{Accel, Builder, NONE};
 use crate::error::{Error, Result};
-use crate::geometry::{self, Needs, SceneGeometry, Surfaces};
+use crate::geometry::{self, Needs, SceneGeometry, Surface, SurfaceShape, Surfaces};
 use crate::integrator::camera::Camera;
 use crate::integrator::light::env::EnvironmentMap;
 use crate::integrator::lights::Lights;
 use crate::integrator::materials::{MaterialTables, Materials};
 use crate::integrator::path::{SurfaceShading, World};
-use crate::prepare::RenderPlan;
+use crate::prepare::{Calls, RenderPlan, forced};
 use crate::scene::{Film, SceneDescription};
 use crate::settings::{Estimator, RenderSettings};
 use crate::stats;
@@ -70,19 +70,28 @@ impl Stage {
         scene: &'a SceneDescription,
         settings: &RenderSettings,
         film_size: (u32, u32),
-        lights: Lights,
+        mut lights: Lights,
         (accel, emitters_only): (&'a A, Option<&'a A>),
     ) -> World<'a, A> {
         let materials = Materials::new(scene, &self.textures, &self.tables);
-        let shading = shading(&self.geometry, &materials, &lights);
+        let forced = forced(&settings.force_effects);
+        let found = self.calls(scene, &materials, &lights);
+        let calls = found.and(forced);
+        let mut shading = shading(&self.geometry, &materials, &lights);
+        if forced.has(Calls::TEXTURES) {
+            shading.iter_mut().for_each(|s| s.needs = s.needs.and(Needs::UV));
+        }
+        if forced.has(Calls::LIGHTS) {
+            lights.always_choose();
+        }
         let mut world = World {
             estimator: settings.estimator,
             samples_lights: false,
             accel,
             emitters_only,
             geometry: Surfaces::new(&self.geometry, |s| shading[s].needs),
-            has_interfaces: shading.iter().any(|s| s.may_pass),
-            wants_footprints: shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT)),
+            has_interfaces: calls.has(Calls::MEDIA),
+            calls,
             shading,
             materials,
             lights,
@@ -95,6 +104,23 @@ impl Stage {
         };
         Self::configure(&mut world, scene, settings, film_size);
         world
+    }
+
+    /// What the scene, as it was loaded, calls for.
+    fn calls(&self, scene: &SceneDescription, materials: &Materials<'_>, lights: &Lights) -> Calls {
+        let SceneGeometry { surfaces, instances, .. } = &self.geometry;
+        let of_surface = |s: &Surface| {
+            materials
+                .calls(s.material.0)
+                .and_if(s.medium.is_some(), Calls::MEDIA)
+                .and_if(!matches!(s.shape, SurfaceShape::Mesh(_)), Calls::SHAPES)
+        };
+        surfaces
+            .iter()
+            .fold(lights.calls(), |calls, s| calls.and(of_surface(s)))
+            .and_if(!instances.is_empty(), Calls::INSTANCES)
+            .and_if(scene.camera_medium.is_some(), Calls::MEDIA)
+            .and_if(scene.camera.lens_radius > 0.0, Calls::LENS)
     }
 
     /// Makes of `world` what it is under other `settings`, of which those that belong to loading are not looked at.

@@ -10,7 +10,8 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::film::TILE;
 use crate::geometry::pages::PageStore;
-use crate::integrator::flight::{Flight, GATHERED, HIT_BYTES, Probe, Shader, UNIT_BYTES};
+use crate::integrator::flight::{Flight, GATHERED, Probe, Shader, hit_bytes, unit_bytes};
+use crate::integrator::kernel::{General, Kernel, with_kernel};
 use crate::integrator::path::Wave;
 use crate::integrator::units::{Film, MOST_UNITS, UNIT, UNIT_PIECES, Units};
 use crate::permits::{Permits, lock};
@@ -92,22 +93,21 @@ struct Hands {
 
 impl Hands {
     /// Of `workers` threads: at most a quarter of `memory`, but so much that work is worth while.
-    fn new(memory: usize, workers: usize, most_taken: usize) -> Self {
+    fn new<K: Kernel>(memory: usize, workers: usize, most_taken: usize) -> Self {
+        let (hit, ray) = (hit_bytes::<K>(), Queues::<Flight<K>, Probe>::RAY_BYTES);
         let each = memory / (8 * workers);
-        let gathered = (each / HIT_BYTES).clamp(16, GATHERED);
-        let taken = (each / RAY_BYTES).clamp(64, most_taken);
+        let gathered = (each / hit).clamp(16, GATHERED);
+        let taken = (each / ray).clamp(64, most_taken);
         // Rays are taken by whole pieces of memory.
-        let rays = taken + PIECE_BYTES / size_of::<Flight>();
-        Self { gathered, taken, bytes: workers * (gathered * HIT_BYTES + rays * RAY_BYTES) }
+        let rays = taken + PIECE_BYTES / size_of::<Flight<K>>();
+        Self { gathered, taken, bytes: workers * (gathered * hit + rays * ray) }
     }
 }
 
-const RAY_BYTES: usize = Queues::<Flight, Probe>::RAY_BYTES;
-
-/// Least memory for rays that works: a film tile's paths, and what threads have in their hands.
+/// Least memory for rays that works, whatever the kernel: a film tile's paths, and what threads have in their hands.
 pub(super) fn least_ray_memory(threads: usize) -> u64 {
-    let hands = Hands::new(0, workers(threads), TAKEN.0).bytes;
-    (UNIT_BYTES + hands) as u64 * 4 / 3
+    let hands = Hands::new::<General>(0, workers(threads), TAKEN.0).bytes;
+    (unit_bytes::<General>() + hands) as u64 * 4 / 3
 }
 
 /// Holds a memory for rays against [`least_ray_memory`].
@@ -136,8 +136,8 @@ struct Part<'j, 'a, A: ?Sized> {
     early: Mutex<Passes>,
 }
 
-impl<A: Accel + ?Sized> Film for Part<'_, '_, A> {
-    fn start(&self, unit: u32, wave: &mut Wave, weights: &mut Vec<f32>) {
+impl<A: Accel + ?Sized, K: Kernel> Film<K> for Part<'_, '_, A> {
+    fn start(&self, unit: u32, wave: &mut Wave<K>, weights: &mut Vec<f32>) {
         let (tile, pass) = self.job.unit(self.first + u64::from(unit));
         self.job.start(tile, pass, wave, weights);
     }
@@ -170,6 +170,16 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         ray_memory: u64,
         table_room: u64,
     ) -> (Counters, SchedulerStats) {
+        with_kernel!(self.world.kernel(), K => self.queues_with::<K>(threads, waiting, ray_memory, table_room))
+    }
+
+    fn queues_with<K: Kernel>(
+        &self,
+        threads: usize,
+        waiting: &Waiting<'_>,
+        ray_memory: u64,
+        table_room: u64,
+    ) -> (Counters, SchedulerStats) {
         (self.control.progress)(Progress::Phase("rendering"));
         let mut counters = Counters::default();
         let mut stats = SchedulerStats { ray_memory, ..SchedulerStats::default() };
@@ -192,20 +202,25 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.buffer.tile_count()) * passes;
         // Many times as many as memory holds, so that the end of a part, where few rays are left, costs little.
-        let in_part = |bytes: usize| (bytes / UNIT_BYTES * 64).min(MOST_UNITS as usize) as u64;
+        let in_part = |bytes: usize| (bytes / unit_bytes::<K>() * 64).min(MOST_UNITS as usize) as u64;
         let bytes = usize::try_from(ray_memory).unwrap_or(usize::MAX);
-        stats.index_bytes = (grid.bytes() + Queues::<Flight, Probe>::bytes_of(grid.len())) as u64
+        stats.index_bytes = (grid.bytes() + Queues::<Flight<K>, Probe>::bytes_of(grid.len())) as u64
             + in_part(bytes).min(total) * Units::PLACE_BYTES as u64
             + residency.map_or(0, Residency::index_bytes);
         let bytes = bytes.saturating_sub(stats.index_bytes.saturating_sub(table_room) as usize);
         let in_part = in_part(bytes);
-        let Hands { gathered, taken, bytes: hands } = Hands::new(bytes, workers(threads), taken);
+        let Hands { gathered, taken, bytes: hands } = Hands::new::<K>(bytes, workers(threads), taken);
         // Where all come past one queue nobody gains by sharing.
         let shares = if residency.is_some() { SHARES } else { 1 };
         let voxels = threads.div_ceil(THREADS_A_VOXEL);
         let meter = Meter::new(bytes.saturating_sub(hands));
-        let limits =
-            Limits { begun: UNIT_PIECES, begin: UNIT_BYTES.div_ceil(PIECE_BYTES), taken, shares, voxels };
+        let limits = Limits {
+            begun: UNIT_PIECES,
+            begin: unit_bytes::<K>().div_ceil(PIECE_BYTES),
+            taken,
+            shares,
+            voxels,
+        };
         let mut first = 0;
         while first < total && !self.should_stop() {
             let count = (total - first).min(in_part) as u32;
@@ -216,7 +231,8 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             let counted = self.crew(workers(threads), |counters| {
                 permits.hold(|| {
                     let stop = || self.should_stop();
-                    let mut shader = Shader::new(self.world, &units, &part, counters, gathered, &stop);
+                    let mut shader =
+                        Shader::<A, K>::new(self.world, &units, &part, counters, gathered, &stop);
                     queues.work(self.world.accel, &mut shader, &stop);
                 });
             });

@@ -41,7 +41,16 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         geometry_memory: _,
         texture_latency_s: _,
     } = settings;
-    let PlanStats { effects: _, schedule: _, because: _, backend: _, bytes: _, memory: _ } = plan;
+    let PlanStats {
+        effects: _,
+        kernel: _,
+        calls: _,
+        schedule: _,
+        because: _,
+        backend: _,
+        bytes: _,
+        memory: _,
+    } = plan;
     let TimeStats {
         parse_s,
         prepare_s,

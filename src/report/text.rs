@@ -165,6 +165,9 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     for (cache, words) in [texture_cache, geometry_cache].into_iter().zip(words) {
         cache.as_ref().map_or(Ok(()), |cache| write_cache(cache, words, out))?;
     }
+    if !plan.kernel.is_empty() {
+        writeln!(out, "kernel    {}: {}", plan.kernel, plan.calls)?;
+    }
     write_scheduler(scheduler, out)
 }
 

@@ -49,8 +49,9 @@ impl<T: Pod, E: Pod> Bag<T, E> {
         let piece = self.pieces.last_mut().expect("there is one");
         let (split, all) = Self::SIZE;
         let (a, b) = piece[self.last * all..][..all].split_at_mut(split);
-        a.copy_from_slice(bytemuck::cast_slice(std::slice::from_ref(first)));
-        b.copy_from_slice(bytemuck::cast_slice(std::slice::from_ref(second)));
+        // By bytes: records need not be aligned as words are.
+        bytemuck::cast_slice_mut::<u32, u8>(a).copy_from_slice(bytemuck::bytes_of(first));
+        bytemuck::cast_slice_mut::<u32, u8>(b).copy_from_slice(bytemuck::bytes_of(second));
         self.last += 1;
         true
     }

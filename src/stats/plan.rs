@@ -11,6 +11,10 @@ use std::collections::BTreeMap;
 pub struct PlanStats {
     /// Each effect that a scene may call for, by name.
     pub effects: BTreeMap<String, EffectStats>,
+    /// The code that paths run through, by name.
+    pub kernel: String,
+    /// What it has to have.
+    pub calls: String,
     /// `depth`, `sorted` or `voxel`.
     pub schedule: String,
     /// Why that one.

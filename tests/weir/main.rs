@@ -12,6 +12,7 @@ mod filters;
 mod known;
 
 mod determinism;
+mod effects;
 mod estimators;
 mod references;
 mod schedule;

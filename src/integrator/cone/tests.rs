@@ -33,8 +33,9 @@ fn a_camera_cone_cuts_the_ellipse_of_its_pixel_from_a_tilted_plane() {
         let camera = scene::Camera { kind: kind.clone(), ..scene::Camera::default() };
         let camera = Camera::new(&camera, (300, 200));
         for raster in [Vec2::new(131.3, 83.4), Vec2::new(60.0, 150.0), Vec2::new(190.0, 40.0)] {
-            let ray_at = |dx: f32, dy: f32| camera.ray(raster + Vec2::new(dx, dy), Vec2::splat(0.5)).ray;
-            let CameraRay { ray, cone } = camera.ray(raster, Vec2::splat(0.5));
+            let ray_at =
+                |dx: f32, dy: f32| camera.ray(raster + Vec2::new(dx, dy), Vec2::splat(0.5), true).ray;
+            let CameraRay { ray, cone } = camera.ray(raster, Vec2::splat(0.5), true);
             let d = ray.direction.as_dvec3();
             for tilt in [0.0, 0.5, 1.0, 1.3] {
                 let side = d.cross(DVec3::new(0.3, 1.0, 0.2)).normalize();

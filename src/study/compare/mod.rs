@@ -115,12 +115,14 @@ pub fn compare(
     };
     let attached = stage.textures.store().attach();
     let (by_kind, taken) = source.record(options.rays.div_ceil(3));
-    let eye = world
-        .camera
-        .ray(glam::Vec2::new(film.size.0 as f32, film.size.1 as f32) * 0.5, glam::Vec2::splat(0.5));
+    let eye = world.camera.ray(
+        glam::Vec2::new(film.size.0 as f32, film.size.1 as f32) * 0.5,
+        glam::Vec2::splat(0.5),
+        true,
+    );
     let aimed = aimed::aimed(&shapes, options.rays / 4, source.seed, native.bounds(), eye.ray.origin);
     let middles: Vec<Ray> = if options.picture {
-        let through = |p| world.camera.ray(p, glam::Vec2::splat(0.5)).ray;
+        let through = |p| world.camera.ray(p, glam::Vec2::splat(0.5), true).ray;
         picture::middles(film.crop).into_iter().map(through).collect()
     } else {
         Vec::new()

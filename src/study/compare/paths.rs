@@ -6,6 +6,7 @@
 
 use crate::accel::{Accel, Hit, Ray};
 use crate::film::{FilmBuffer, FilterSampler};
+use crate::integrator::kernel::General;
 use crate::integrator::path::{Wave, World};
 use crate::integrator::sampler::pixel_key;
 use crate::scene::Film;
@@ -98,7 +99,7 @@ pub(super) struct Taken {
 
 impl Source<'_, '_> {
     /// Runs the samples of some pixels.
-    fn run(&self, wave: &mut Wave, pixels: [u32; 4], samples: &Range<u32>) {
+    fn run(&self, wave: &mut Wave<General>, pixels: [u32; 4], samples: &Range<u32>) {
         let [x0, y0, x1, y1] = pixels;
         let mut weights = Vec::new();
         for y in y0..y1 {
@@ -120,7 +121,7 @@ impl Source<'_, '_> {
         let buffer = FilmBuffer::new(self.film.crop);
         let tiles = buffer.tile_count();
         let step = spreading_step(tiles);
-        let (mut wave, mut taken, mut idle) = (Wave::default(), Vec::new(), 0);
+        let (mut wave, mut taken, mut idle) = (Wave::<General>::default(), Vec::new(), 0);
         'waves: for pass in 0..self.spp.div_ceil(PASS) {
             let samples = pass * PASS..((pass + 1) * PASS).min(self.spp);
             for i in 0..tiles {
@@ -148,7 +149,7 @@ impl Source<'_, '_> {
     ) -> Option<(u32, u32)> {
         let wave = taken.get(taken.partition_point(|t| t.before[kind] <= index).checked_sub(1)?)?;
         let [x0, y0, x1, y1] = FilmBuffer::new(self.film.crop).rectangle(wave.tile);
-        let mut paths = Wave::default();
+        let mut paths = Wave::<General>::default();
         for y in y0..y1 {
             for x in x0..x1 {
                 self.recorder.log(|log| *log = Log { most: usize::MAX, ..Log::default() });

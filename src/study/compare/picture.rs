@@ -4,7 +4,7 @@
 use super::hits::Disagreement;
 use crate::accel::{Accel, NONE, Ray};
 use crate::film::Image;
-use crate::geometry::Surfaces;
+use crate::geometry::{Kinds, Surfaces};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -34,7 +34,7 @@ pub(super) fn shaded(
         if hit.geometry == NONE {
             return 0.0;
         }
-        let point = surfaces.surface_point(&hit, surfaces.surface_of(&hit), || *ray);
+        let point = surfaces.surface_point(&hit, surfaces.surface_of(&hit, Kinds::ALL), || *ray, Kinds::ALL);
         let facing = Vec3::from(point.ng).dot(ray.direction).abs();
         // Not black at grazing angles: black is where nothing is.
         if facing.is_finite() { BRIGHTEST * (0.1 + 0.9 * facing) } else { BRIGHTEST }

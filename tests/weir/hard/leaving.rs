@@ -10,7 +10,9 @@ use crate::support::{Frame, head, icosphere, scene};
 use glam::{DMat3, DVec3, Vec3, Vec3A};
 use weir::accel::{Accel, Hit, NONE, Ray};
 use weir::geometry::made::{Making, View};
-use weir::geometry::{Needs, SceneGeometry, SurfacePoint, SurfaceShape, Surfaces, load, offset_origin};
+use weir::geometry::{
+    Kinds, Needs, SceneGeometry, SurfacePoint, SurfaceShape, Surfaces, load, offset_origin,
+};
 
 pub(super) const CUBE: &str = "Shape \"trianglemesh\" \"point3 P\" [ -1 -1 -1  1 -1 -1  -1 1 -1  1 1 -1  -1 -1 1  1 -1 1 \
      -1 1 1  1 1 1 ]\n\"integer indices\" [ 0 2 1  1 2 3   4 5 6  5 7 6   0 1 4  1 5 4   2 6 3  3 6 7   0 4 2  2 4 6 \
@@ -79,7 +81,7 @@ impl<'a> Traced<'a> {
     }
 
     pub(super) fn point(&self, hit: &Hit, ray: &Ray) -> SurfacePoint {
-        self.surfaces.surface_point(hit, self.surfaces.surface_of(hit), || *ray)
+        self.surfaces.surface_point(hit, self.surfaces.surface_of(hit, Kinds::ALL), || *ray, Kinds::ALL)
     }
 }
 
