@@ -18,7 +18,7 @@ DEMO := scenes/demo/demo.pbrt
 # `prepare` fetched every crate, so cargo need not ask the network, nor may it change the lock file.
 FROZEN := --locked --offline
 
-.PHONY: help demo test references hard effects build native bench embree prepare
+.PHONY: help demo test references hard effects calibrate build native bench embree prepare
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | while IFS=$$'\t' read -r name text; do \
@@ -42,6 +42,9 @@ hard: prepare ## a hundred million rays from inside closed meshes, and all hard 
 
 effects: build ## what each effect costs, in instructions counted by valgrind: docs/effects.md (minutes)
 	@WEIR_MEASURED="$(abspath $(WEIR))" cargo test $(FROZEN) --test weir -- --ignored --nocapture effects_table
+
+calibrate: prepare ## what --noise asks for and what it keeps, the table of docs/noise.md (hours; see there for less)
+	@cargo test --release $(FROZEN) --test weir -- --ignored --nocapture calibrate
 
 build: prepare ## build target/release/weir, for any processor of this architecture
 	@cargo build --release $(FROZEN)

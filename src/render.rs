@@ -5,9 +5,12 @@
 
 mod balance;
 mod frame;
+mod identity;
 mod job;
+mod keeper;
 mod load;
 pub(crate) mod plan;
+mod rounds;
 pub(crate) mod stage;
 mod stream;
 

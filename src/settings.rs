@@ -91,6 +91,15 @@ impl Schedule {
     }
 }
 
+/// Where a render half done is kept, so that another can go on with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpointing {
+    /// The file: continued where it is there, and written.
+    pub path: PathBuf,
+    /// Seconds from one writing to the next.
+    pub every_seconds: f64,
+}
+
 /// What the command line may override; `None` keeps what the scene file says.
 #[derive(Clone, Debug, Default)]
 pub struct RenderSettings {
@@ -119,6 +128,10 @@ pub struct RenderSettings {
     pub robust: bool,
     /// Stop after so many seconds of rendering.
     pub time_limit_seconds: Option<f64>,
+    /// Each region stops when its estimated relative error is below this, 0.02 for 2 %.
+    pub noise: Option<f64>,
+    /// Where the render is kept while it goes on; `None` keeps nothing.
+    pub checkpoint: Option<Checkpointing>,
     /// Where images go; empty keeps the scene's own file name.
     pub outputs: Vec<PathBuf>,
     /// How direct light is estimated.

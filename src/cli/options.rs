@@ -13,6 +13,10 @@ pub(super) struct SettingsOptions {
     /// Samples per pixel
     #[arg(long, value_name = "N", value_parser = values::samples, allow_negative_numbers = true)]
     spp: Option<u32>,
+    /// Stop each region when its estimated relative error is below this: 0.02 or 2%. Then --spp is the most that a pixel
+    /// gets, 16384 if not given
+    #[arg(long, value_name = "T", value_parser = values::noise, allow_hyphen_values = true)]
+    noise: Option<f64>,
     /// Stop after so much rendering time: 60s, 1.5m, 2h
     #[arg(long, value_name = "TIME", value_parser = values::seconds, allow_hyphen_values = true)]
     time: Option<f64>,
@@ -74,6 +78,9 @@ pub(super) struct SettingsOptions {
     /// Where tiled copies of textures and pages of geometry are kept; ~/.cache/weir if not given
     #[arg(long, value_name = "DIR")]
     cache_dir: Option<PathBuf>,
+    /// Filter image textures as for so many samples per pixel; as many as are asked for if not given
+    #[arg(long, value_name = "N", value_parser = values::samples, allow_negative_numbers = true)]
+    footprint_spp: Option<u32>,
     /// Filter of all image textures; else what the scene says. Alpha masks always read the finest level
     #[arg(long, value_name = "NAME")]
     texture_filter: Option<FilterName>,
@@ -167,7 +174,9 @@ impl SettingsOptions {
                 SamplerName::Sobol => Sampler::Sobol,
                 SamplerName::Independent => Sampler::Independent,
             },
-            footprint_spp: None,
+            footprint_spp: self.footprint_spp,
+            noise: self.noise,
+            checkpoint: None,
             spp: self.spp,
             size: self.size,
             crop: self.crop,

@@ -2,7 +2,7 @@
 
 use crate::cli::options::SettingsOptions;
 use crate::cli::progress::Bar;
-use crate::cli::{End, check_apart, check_not_input, interrupt, note, print};
+use crate::cli::{End, check_apart, check_not_input, interrupt, note, print, values};
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use weir::film::write::{Format, check_writable, write_image};
 use weir::render::{Control, Outcome, render};
 use weir::report::{attributes, bytes, count, html_page, seconds};
 use weir::scene::{self, SceneDescription};
-use weir::settings::RenderSettings;
+use weir::settings::{Checkpointing, RenderSettings};
 use weir::stats::{MemoryWatch, RenderStats};
 
 const EXAMPLES: &str = "\
@@ -39,6 +39,13 @@ pub(crate) struct Options {
     output: Vec<PathBuf>,
     #[command(flatten)]
     settings: SettingsOptions,
+    /// Go on from the checkpoint beside the first image (NAME.weir), and keep one there: what was stopped, or has too few
+    /// samples, ends as it would in one go
+    #[arg(long)]
+    resume: bool,
+    /// With --resume: time from one checkpoint to the next
+    #[arg(long, value_name = "TIME", default_value = "60s", requires = "resume", value_parser = values::seconds, allow_hyphen_values = true)]
+    checkpoint_every: f64,
     /// What stands in for something unsupported is an error
     #[arg(long)]
     strict: bool,
@@ -64,11 +71,32 @@ impl Options {
         self.records().try_for_each(|record| check_apart(image, record))
     }
 
-    /// As the library takes them.
-    pub(super) fn settings(&self) -> RenderSettings {
+    /// As the library takes them; `image` is the first that is written.
+    pub(super) fn settings(&self, image: &Path) -> RenderSettings {
         let (outputs, strict) = (self.output.clone(), self.strict);
-        RenderSettings { outputs, strict, ..self.settings.settings() }
+        let checkpoint = self
+            .resume
+            .then(|| Checkpointing { path: checkpoint(image), every_seconds: self.checkpoint_every });
+        RenderSettings { outputs, strict, checkpoint, ..self.settings.settings() }
     }
+
+    /// Whether a checkpoint beside `image` can be written, and takes no other file's place.
+    fn check_checkpoint(&self, image: &Path) -> Result<()> {
+        if !self.resume {
+            return Ok(());
+        }
+        let path = checkpoint(image);
+        check_not_input(&path, &self.scene, "scene")?;
+        self.check_apart_from(&path)?;
+        check_replaceable(&path)
+    }
+}
+
+/// Where a render of `image` is kept while it is half done.
+fn checkpoint(image: &Path) -> PathBuf {
+    let mut name = image.as_os_str().to_owned();
+    name.push(".weir");
+    PathBuf::from(name)
 }
 
 /// Runs the command.
@@ -86,6 +114,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     }
     options.output.iter().try_for_each(|path| check_writable(path))?;
     options.records().try_for_each(check_replaceable)?;
+    options.output.first().map_or(Ok(()), |image| options.check_checkpoint(image))?;
     let watch = options.records().next().map(|_| MemoryWatch::new(start));
     let result = load_and_render(options, &bar, watch.as_ref());
     bar.clear();
@@ -98,7 +127,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     // The library counts from where the scene is there.
     stats.time.first_pixel_s += parse_s;
     stats.time.total_s = start.elapsed().as_secs_f64();
-    if outcome.stats.image.samples == 0 {
+    if outcome.stats.image.samples + outcome.stats.image.resumed_samples == 0 {
         return nothing_to_write();
     }
 
@@ -150,9 +179,10 @@ fn load_and_render(
         check_not_input(&output, &options.scene, "scene")?;
         options.check_apart_from(&output)?;
         check_writable(&output)?;
+        options.check_checkpoint(&output)?;
     }
     interrupt::rendering();
-    let settings = options.settings();
+    let settings = options.settings(&outputs(options, &scene)[0]);
     let control = Control { cancel: &interrupt::CANCEL, progress: &|progress| bar.update(progress), watch };
     let outcome = render(&scene, &settings, &control)?;
     interrupt::writing();
@@ -178,7 +208,8 @@ fn nothing_to_write() -> Result<End> {
 fn note_what_is_odd(outcome: &Outcome) {
     let stats = &outcome.stats;
     let pixels = u64::from(stats.image.width) * u64::from(stats.image.height);
-    let per_pixel = stats.image.samples as f64 / pixels.max(1) as f64;
+    let samples = stats.image.samples + stats.image.resumed_samples;
+    let per_pixel = samples as f64 / pixels.max(1) as f64;
     let asked = stats.settings.spp;
     if outcome.interrupted && interrupt::CANCEL.load(Ordering::Relaxed) {
         note(&format!("interrupted: the image has {per_pixel:.1} of {asked} samples per pixel"));
@@ -222,15 +253,18 @@ fn default_output(scene: &SceneDescription) -> PathBuf {
 fn summary<'a>(stats: &RenderStats, outputs: &[PathBuf], records: impl Iterator<Item = &'a Path>) -> String {
     let mut text = String::new();
     let image = &stats.image;
+    let samples = match (stats.settings.noise, image.spp_min, image.spp_max) {
+        (Some(_), Some(least), Some(most)) => format!("{least} to {most}"),
+        _ => image.spp.to_string(),
+    };
     for path in outputs {
         let _ = writeln!(
             text,
-            "wrote {}: {}x{}, {} sample{} per pixel",
+            "wrote {}: {}x{}, {samples} sample{} per pixel",
             path.display(),
             image.width,
             image.height,
-            image.spp,
-            if image.spp == 1 { "" } else { "s" }
+            if samples == "1" { "" } else { "s" }
         );
     }
     for path in records {

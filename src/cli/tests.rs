@@ -21,7 +21,7 @@ fn refused(text: &str) -> String {
 
 fn settings(text: &str) -> weir::settings::RenderSettings {
     match parse(line(text)) {
-        Ok(Command::Render(options)) => options.settings(),
+        Ok(Command::Render(options)) => options.settings("a.exr".as_ref()),
         Ok(_) => panic!("`weir {text}` is no render"),
         Err(e) => panic!("`weir {text}`: {e}"),
     }
@@ -58,6 +58,19 @@ fn every_option_arrives() {
 }
 
 #[test]
+fn errors_asked_for_and_checkpoints_arrive() {
+    for text in ["0.02", "2%"] {
+        assert_eq!(settings(&format!("a.pbrt --noise {text}")).noise, Some(0.02));
+    }
+    assert_eq!(settings("a.pbrt --footprint-spp 9").footprint_spp, Some(9));
+    let plain = settings("a.pbrt");
+    assert_eq!((plain.noise, plain.checkpoint, plain.footprint_spp), (None, None, None));
+    // The images are `a.exr` and what else is asked for.
+    let kept = settings("a.pbrt -o a.exr -o b.png --resume --checkpoint-every 5m").checkpoint;
+    assert_eq!(kept, Some(weir::settings::Checkpointing { path: "a.exr.weir".into(), every_seconds: 300.0 }));
+}
+
+#[test]
 fn times_have_units() {
     for (text, expected) in [("60s", 60.0), ("90", 90.0), ("2m", 120.0), ("1h", 3600.0), ("250ms", 0.25)] {
         assert_eq!(settings(&format!("a.pbrt --time {text}")).time_limit_seconds, Some(expected));
@@ -91,7 +104,15 @@ fn errors_say_what_would_be_right_in_one_line() {
         ("a.pbrt --backend optix", "embree, native"),
         ("a.pbrt --threads 0", "from 1 to"),
         ("a.pbrt --max-depth deep", "--max-depth"),
-        ("a.pbrt --noise 0.02", "--noise"),
+        ("a.pbrt --noise 0", "0.02 or 2% is"),
+        ("a.pbrt --noise 3", "from 0.0001 to 1"),
+        ("a.pbrt --noise little", "0.02 or 2% is"),
+        ("a.pbrt --noise nan%", "0.02 or 2% is"),
+        ("a.pbrt --noise -2%", "0.02 or 2% is"),
+        ("a.pbrt --footprint-spp 0", "from 1 to"),
+        ("a.pbrt --checkpoint-every 5s", "--resume"),
+        ("a.pbrt --resume --checkpoint-every often", "60s"),
+        ("a.pbrt --display", "--display"),
         ("diff a.exr b.exr --fail-above -1", "--fail-above"),
         ("diff a.exr b.exr --fail-above nan", "at least 0"),
     ] {

@@ -1,9 +1,12 @@
 //! Sums of samples by tile. A tile's samples arrive pass by pass and in one order only, whoever
 //! computes them, so the sums do not depend on who finished first.
+//!
+//! Invariant: a film that keeps more than sums has the same sums.
 
+use super::kept::{Keeps, Kept, Progress};
 use crate::permits;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard};
 
 /// Between two looks at whether the pass before has come, when it takes long.
 const PATIENCE: std::time::Duration = std::time::Duration::from_micros(50);
@@ -12,17 +15,20 @@ const PATIENCE: std::time::Duration = std::time::Duration::from_micros(50);
 pub const TILE: u32 = 8;
 
 /// A tile's pixels: weighted RGB and weight.
-struct Tile {
-    sums: Vec<[f32; 4]>,
-    passes: u32,
+pub(super) struct Tile {
+    pub(super) sums: Box<[[f32; 4]]>,
+    /// What only some films keep.
+    pub(super) kept: Option<Box<Kept>>,
+    pub(super) passes: u32,
 }
 
 /// The film while rendering: a crop window cut into tiles.
 pub struct FilmBuffer {
     /// Window in pixels: x0, y0, x1, y1 (exclusive).
     crop: [u32; 4],
-    across: u32,
-    tiles: Vec<Mutex<Tile>>,
+    pub(super) across: u32,
+    pub(super) tiles: Vec<Mutex<Tile>>,
+    pub(super) keeps: Keeps,
     /// A pass will never come: nobody waits for one any more.
     abandoned: AtomicBool,
 }
@@ -34,14 +40,22 @@ impl FilmBuffer {
     /// An empty film for the window `crop` (not empty).
     #[must_use]
     pub fn new(crop: [u32; 4]) -> Self {
+        Self::keeping(crop, Keeps::default())
+    }
+
+    /// As [`Self::new`], of a film that keeps more than sums.
+    #[must_use]
+    pub fn keeping(crop: [u32; 4], keeps: Keeps) -> Self {
         let (w, h) = (crop[2] - crop[0], crop[3] - crop[1]);
         let (across, down) = (w.div_ceil(TILE), h.div_ceil(TILE));
-        let mut buffer = Self { crop, across, tiles: Vec::new(), abandoned: AtomicBool::new(false) };
+        let abandoned = AtomicBool::new(false);
+        let mut buffer = Self { crop, across, tiles: Vec::new(), keeps, abandoned };
         buffer.tiles = (0..across * down)
             .map(|i| {
                 let [x0, y0, x1, y1] = buffer.rectangle(i);
                 let pixels = ((x1 - x0) * (y1 - y0)) as usize;
-                Mutex::new(Tile { sums: vec![[0.0; 4]; pixels], passes: 0 })
+                let sums = vec![[0.0; 4]; pixels].into();
+                Mutex::new(Tile { sums, kept: Kept::new(keeps, pixels), passes: 0 })
             })
             .collect();
         buffer
@@ -67,7 +81,7 @@ impl FilmBuffer {
             let [x0, y0, x1, y1] = self.rectangle(i);
             u64::from(x1 - x0) * u64::from(y1 - y0)
         };
-        let untouched = |i: &u32| self.tiles[*i as usize].lock().is_ok_and(|tile| tile.passes == 0);
+        let untouched = |i: &u32| self.progress(*i) == Progress::default();
         (0..self.tile_count()).filter(untouched).map(pixels).sum()
     }
 
@@ -80,15 +94,20 @@ impl FilmBuffer {
         tiles
     }
 
-    /// Adds the sums of one pass over tile `i`, in pixel order. Passes of a tile must come in
-    /// order; whoever is early waits, which happens only where a pass ends. False when the pass before
-    /// was abandoned: nothing is added then.
-    pub fn add(&self, i: u32, pass: u32, sums: &[[f32; 4]]) -> bool {
+    /// Adds the sums of one pass over tile `i`, in pixel order: a whole one, or one that was `cut` after so many samples,
+    /// which is a tile's last. Passes of a tile must come in order; whoever is early waits, which happens only where a
+    /// pass ends. False when the pass before was abandoned: nothing is added then.
+    pub fn add(&self, i: u32, pass: u32, cut: Option<u32>, sums: &[[f32; 4]]) -> bool {
         let mut tries = 0;
         loop {
             {
                 let mut tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
                 if tile.passes == pass {
+                    if let Tile { kept: Some(kept), .. } = &mut *tile
+                        && kept.take(cut, sums)
+                    {
+                        return true;
+                    }
                     for (sum, add) in tile.sums.iter_mut().zip(sums) {
                         for (s, a) in sum.iter_mut().zip(add) {
                             *s += a;
@@ -113,7 +132,11 @@ impl FilmBuffer {
     /// Passes that have been added to tile `i`.
     #[must_use]
     pub fn passes(&self, i: u32) -> u32 {
-        self.tiles[i as usize].lock().expect("no thread panics while it adds").passes
+        self.tile(i).passes
+    }
+
+    pub(super) fn tile(&self, i: u32) -> MutexGuard<'_, Tile> {
+        self.tiles[i as usize].lock().expect("no thread panics while it adds")
     }
 
     /// Says that some pass will not come.
@@ -125,7 +148,8 @@ impl FilmBuffer {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.crop[2] - self.crop[0]) * u64::from(self.crop[3] - self.crop[1]);
-        pixels * 16 + self.tiles.len() as u64 * size_of::<Mutex<Tile>>() as u64
+        pixels * (16 + self.keeps.pixel_bytes())
+            + self.tiles.len() as u64 * (size_of::<Mutex<Tile>>() as u64 + self.keeps.tile_bytes())
     }
 
     /// Weighted means in rows over the window; black where there is no weight.
@@ -135,11 +159,17 @@ impl FilmBuffer {
         let mut image = vec![[0.0; 3]; width * (self.crop[3] - self.crop[1]) as usize];
         for i in 0..self.tile_count() {
             let [x0, y0, x1, y1] = self.rectangle(i);
-            let tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
+            let tile = self.tile(i);
             let mut sums = tile.sums.iter();
+            let mut cut = tile.kept.iter().flat_map(|kept| kept.cut_sums());
             for y in y0 - self.crop[1]..y1 - self.crop[1] {
                 for x in x0 - self.crop[0]..x1 - self.crop[0] {
-                    let [r, g, b, w] = *sums.next().expect("a tile has as many sums as pixels");
+                    let mut sum = *sums.next().expect("a tile has as many sums as pixels");
+                    // What came last is added last.
+                    for (s, c) in sum.iter_mut().zip(cut.next().into_iter().flatten()) {
+                        *s += c;
+                    }
+                    let [r, g, b, w] = sum;
                     if w != 0.0 {
                         image[y as usize * width + x as usize] = [r / w, g / w, b / w];
                     }
@@ -177,7 +207,7 @@ mod tests {
             for pass in (0..3).rev() {
                 let film = &film;
                 s.spawn(move || {
-                    assert!(film.add(0, pass, &[[[1e8, 1.0, -1e8][pass as usize], 0.0, 0.0, 1.0]]))
+                    assert!(film.add(0, pass, None, &[[[1e8, 1.0, -1e8][pass as usize], 0.0, 0.0, 1.0]]))
                 });
             }
         });

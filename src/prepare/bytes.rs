@@ -6,7 +6,7 @@
 use super::{all_shapes, is_visible};
 use crate::scene::ply::MeshFacts;
 use crate::scene::{Film, MeshSource, SceneDescription, Shape, ShapeKind, Strand, TriangleMesh};
-use crate::settings::Backend;
+use crate::settings::{Backend, RenderSettings};
 
 /// Triangles from which on a mesh is cut into pages: those of smaller ones would be mostly empty.
 pub const LEAST_PAGED: u64 = 1024;
@@ -188,12 +188,18 @@ fn columns(mesh: &TriangleMesh) -> u64 {
     (12 * (positions.len() + normals.len() + tangents.len()) + 8 * uvs.len()) as u64
 }
 
-/// The film's sums, and the finished image: 16 and 12 bytes a pixel, and 40 for each tile of 8×8.
+/// The film's sums, and the finished image: 16 and 12 bytes a pixel, and 40 for each tile of 8×8. A pass that is cut short
+/// is kept apart where it may be continued (16 and 40), and squares of sums where they tell the error (12).
 #[must_use]
-pub fn film_bytes(film: &Film) -> u64 {
+pub fn film_bytes(film: &Film, settings: &RenderSettings) -> u64 {
     let [x0, y0, x1, y1] = film.crop;
     let (w, h) = (u64::from(x1.saturating_sub(x0)), u64::from(y1.saturating_sub(y0)));
-    w * h * (16 + 12) + w.div_ceil(8) * h.div_ceil(8) * 40
+    let (pixel, tile) = match (settings.noise, &settings.checkpoint) {
+        (Some(_), _) => (16 + 12, 40),
+        (None, Some(_)) => (16, 40),
+        (None, None) => (0, 0),
+    };
+    w * h * (16 + 12 + pixel) + w.div_ceil(8) * h.div_ceil(8) * (40 + tile)
 }
 
 /// Of a shape and of what is made of it beside its vertices: its surface in three tables, and its name.

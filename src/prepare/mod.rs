@@ -101,7 +101,7 @@ pub fn plan(
     let bytes = |backend| geometry_bytes(scene, &headers.meshes, backend, least.page_bytes());
     let shining = bytes(settings.backend).shining;
     let lights = light_bytes(scene, headers.environments, shining);
-    let fixed = [film_bytes(film), lights, description_bytes(scene)];
+    let fixed = [film_bytes(film, settings), lights, description_bytes(scene)];
     let division = divide(settings, fixed, headers.textures, &bytes, least)?;
     let geometry = bytes(division.backend);
     let pages = division.pages && geometry.pages > 0;

@@ -4,20 +4,23 @@
 //! Never traces a ray itself.
 
 use super::balance::Balance;
+use super::identity::{Found, identity};
 use super::job::{Job, Order};
+use super::keeper::{Keeper, take_up};
 use super::load::open_pages;
 use super::plan::looking_up;
+use super::rounds::{Rounds, samples_asked};
 use super::stage::{Stage, effective_film, emitters_only, pool};
 use super::stream::{Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::{Error, Result};
-use crate::film::{FilmBuffer, FilterSampler, Image};
+use crate::film::{FilmBuffer, FilterSampler, Image, Keeps};
 use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
 use crate::integrator::lights::Lights;
 use crate::integrator::path::World;
-use crate::prepare::{RenderPlan, Store, calls_named, choose};
+use crate::prepare::{Calls, RenderPlan, Store, calls_named, choose};
 use crate::scene::{Film, SceneDescription};
 use crate::settings::{Backend, RenderSettings, Schedule};
 use crate::stats::{self, AccountedBytes, RenderStats, SchedulerStats};
@@ -131,8 +134,27 @@ impl Frames<'_, '_> {
         let Self { scene, stage, builder, ref world, ref plan, staying, threads, start, control, .. } = *self;
         let (geometry, textures) = (&stage.geometry, &stage.textures);
         let mut stats = self.loaded.clone();
-        let spp = settings.spp.unwrap_or(scene.spp).max(1);
-        let buffer = FilmBuffer::new(film.crop);
+        let spp = samples_asked(scene, settings);
+        let seed = settings.seed.unwrap_or(scene.seed);
+        let by_rounds = settings.noise.is_some() || settings.checkpoint.is_some();
+        let keeps = Keeps { cut: by_rounds, squares: settings.noise.is_some() };
+        let buffer = FilmBuffer::keeping(film.crop, keeps);
+        let (keeper, resumed) = match &settings.checkpoint {
+            Some(kept) => {
+                let wants_footprints = world.calls.has(Calls::FOOTPRINTS);
+                let footprints = wants_footprints.then_some(world.footprint_scale);
+                let found =
+                    Found { backend: plan.backend, footprints, max_depth: world.max_depth, seed, spp };
+                let identity = identity(scene, settings, film, &found);
+                let resumed = take_up(&kept.path, &buffer, &identity, spp)?;
+                let there = resumed.as_ref().map(|there| there.samples);
+                (Some(Keeper::new(kept, identity, there)), resumed)
+            }
+            None => (None, None),
+        };
+        let before = resumed.as_ref().map_or(0, |there| there.samples);
+        let targets = resumed.map(|there| there.targets);
+        let rounds = by_rounds.then(|| Rounds::new(spp, settings.noise, &buffer, targets));
         // Only where tiles may have to go and come again does the order of work cost anything.
         let reads_tiles = !textures.store().all_tiles_fit()
             || geometry.pages.as_ref().is_some_and(|pages| !pages.fits_all());
@@ -152,7 +174,8 @@ impl Frames<'_, '_> {
             film,
             filter: FilterSampler::new(&scene.filter),
             spp,
-            seed: settings.seed.unwrap_or(scene.seed),
+            seed,
+            rounds,
             sampler: settings.sampler,
             next: AtomicU64::new(0),
             order: if reads_tiles && settings.time_limit_seconds.is_none() {
@@ -162,17 +185,18 @@ impl Frames<'_, '_> {
             },
             along: buffer.along(),
             buffer,
-            samples: AtomicU64::new(0),
+            samples: AtomicU64::new(before),
             first_pixel: OnceLock::new(),
             stopped: AtomicBool::new(false),
             control,
             deadline: settings.time_limit_seconds,
             start: Instant::now(),
         };
-        let run = || match &waiting {
+        let traced = || match &waiting {
             None => (job.run(threads), SchedulerStats::default()),
             Some(waiting) => job.run_in_queues(threads, waiting, ray_memory, plan.table_room()),
         };
+        let run = || keeper.as_ref().map_or_else(traced, |keeper| keeper.during(&job, traced));
         let balance = match (textures.store().cache(), &geometry.pages) {
             (Some((tiles, _)), Some(pages)) if plan.stats.memory.balanced => {
                 Some(Balance::new(tiles, pages, looking_up(plan, threads), threads))
@@ -198,7 +222,15 @@ impl Frames<'_, '_> {
         stats.image.width = x1 - x0;
         stats.image.height = y1 - y0;
         stats.image.pixels_without_samples = job.buffer.untouched_pixels();
-        stats.image.spp = (counters.samples / u64::from((x1 - x0) * (y1 - y0)).max(1)) as u32;
+        let pixels = u64::from((x1 - x0) * (y1 - y0)).max(1);
+        stats.image.spp = ((before + counters.samples) / pixels) as u32;
+        stats.image.resumed_samples = before;
+        if by_rounds {
+            let (least, most, all) = job.buffer.samples(spp);
+            (stats.image.spp_min, stats.image.spp_max) = (Some(least), Some(most));
+            stats.image.spp_mean = Some(all as f64 / pixels as f64);
+            stats.image.estimated_relmse = job.buffer.estimated_relmse();
+        }
         stats.settings = stats::EffectiveSettings {
             backend: builder.name(),
             spp,
@@ -208,6 +240,7 @@ impl Frames<'_, '_> {
             robust: settings.robust,
             strict: settings.strict,
             time_limit_s: settings.time_limit_seconds,
+            noise: settings.noise,
             crop: film.crop,
             full_size: [film.size.0, film.size.1],
             texture_memory: settings.texture_memory,
@@ -258,6 +291,14 @@ impl Frames<'_, '_> {
         stats.finish(&counters);
         let mut notes = textures.store().notes().to_vec();
         notes.extend_from_slice(&geometry.notes);
+        if let (Some(rounds), false) = (&job.rounds, interrupted) {
+            notes.extend(rounds.unmet(&job.buffer));
+        }
+        if let Some(keeper) = keeper {
+            let (seconds, failed) = keeper.end();
+            stats.time.checkpoint_s = seconds;
+            notes.extend(failed);
+        }
         if plan.backend != settings.backend {
             notes.push(format!(
                 "all geometry does not fit into --memory with {}, which keeps it there: {} traces",

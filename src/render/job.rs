@@ -4,10 +4,12 @@
 //! are summed in order.
 //! Never loads, and never decides what is rendered.
 
+use super::rounds::{Round, Rounds};
 use super::stream::workers;
 use super::{Control, Progress};
 use crate::accel::Accel;
 use crate::color::Rgb;
+pub(super) use crate::film::PASS;
 use crate::film::{FilmBuffer, FilterSampler};
 use crate::geometry::pages::PageStore;
 use crate::integrator::kernel::{Kernel, with_kernel};
@@ -23,10 +25,6 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
-
-/// Samples of a pixel that are traced together: with 64 pixels a tile, a wave is 1024 paths, some
-/// 100 KB that stay in the second-level cache.
-pub(super) const PASS: u32 = 16;
 
 /// Passes from which one over the whole film comes first in [`Order::Tiles`]: it reads all textures once
 /// more, which many passes are long enough for.
@@ -55,6 +53,8 @@ pub(super) struct Job<'a, A: ?Sized> {
     pub(super) spp: u32,
     pub(super) seed: u64,
     pub(super) sampler: Sampler,
+    /// What decides how many passes tiles get, where not all get the same without a stop.
+    pub(super) rounds: Option<Rounds>,
     /// The next piece of work, in `order`.
     pub(super) next: AtomicU64,
     pub(super) order: Order,
@@ -76,11 +76,28 @@ impl<A: Accel + ?Sized> Job<'_, A> {
     }
 
     fn run_with<K: Kernel>(&self, threads: usize) -> Counters {
-        if self.pages.is_none_or(PageStore::fits_all) {
-            return self.crew(threads, |counters| self.work::<K>(counters));
+        let mut total = Counters::default();
+        self.by_rounds(|round| {
+            let counted = if self.pages.is_none_or(PageStore::fits_all) {
+                self.crew(threads, |counters| self.work::<K>(round, counters))
+            } else {
+                let permits = Permits::new(threads);
+                self.crew(workers(threads), |counters| permits.hold(|| self.work::<K>(round, counters)))
+            };
+            total.merge(&counted);
+        });
+        total
+    }
+
+    /// Calls `work` for each round, or once where there are none.
+    pub(super) fn by_rounds(&self, mut work: impl FnMut(Option<&Round>)) {
+        let Some(rounds) = &self.rounds else { return work(None) };
+        while let Some(round) = rounds.next(&self.buffer) {
+            if self.should_stop() {
+                break;
+            }
+            work(Some(&round));
         }
-        let permits = Permits::new(threads);
-        self.crew(workers(threads), |counters| permits.hold(|| self.work::<K>(counters)))
     }
 
     /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand; what they count.
@@ -115,14 +132,21 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         total
     }
 
-    fn work<K: Kernel>(&self, counters: &mut Counters) {
+    fn work<K: Kernel>(&self, round: Option<&Round>, counters: &mut Counters) {
         let mut wave = Wave::<K>::default();
         let mut scratch = Scratch::default();
+        let _abandon = AbandonOnPanic(&self.buffer);
+        if let Some(round) = round {
+            while !self.should_stop()
+                && let Some((tile, passes)) = round.take()
+                && self.passes(tile, passes, &mut wave, &mut scratch, counters)
+            {}
+            return;
+        }
         let tiles = u64::from(self.buffer.tile_count());
         let passes = u64::from(self.spp.div_ceil(PASS));
-        let _abandon = AbandonOnPanic(&self.buffer);
         // Asked before taking work: whoever holds a later pass of a tile waits for the earlier one.
-        'work: while !self.should_stop() {
+        while !self.should_stop() {
             let item = self.next.fetch_add(1, Ordering::Relaxed);
             let (round, place) = (item / tiles, item % tiles);
             let work = match self.order {
@@ -134,13 +158,29 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             };
             // They were u32 before they were multiplied.
             let tile = self.along[place as usize];
-            for pass in work {
-                if !self.tile(tile, pass as u32, &mut wave, &mut scratch, counters) {
-                    break 'work;
-                }
-                self.count_samples(scratch.weights.len() as u64, counters);
+            let passes = work.start as u32..work.end as u32;
+            if !self.passes(tile, passes, &mut wave, &mut scratch, counters) {
+                break;
             }
         }
+    }
+
+    /// Some passes over one tile; false when they were stopped.
+    fn passes<K: Kernel>(
+        &self,
+        tile: u32,
+        passes: Range<u32>,
+        wave: &mut Wave<K>,
+        scratch: &mut Scratch,
+        counters: &mut Counters,
+    ) -> bool {
+        for pass in passes {
+            if !self.tile(tile, pass, wave, scratch, counters) {
+                return false;
+            }
+            self.count_samples(scratch.weights.len() as u64, counters);
+        }
+        true
     }
 
     /// Adds samples that are done, and says so now and then.
@@ -186,13 +226,14 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             self.buffer.abandon();
             return false;
         }
-        self.sum(pass, &wave.radiance, &scratch.weights, &mut scratch.sums, counters);
-        self.buffer.add(tile, pass, &scratch.sums)
+        self.sum((tile, pass), &wave.radiance, &scratch.weights, &mut scratch.sums, counters);
+        self.buffer.add(tile, pass, self.cut(pass), &scratch.sums)
     }
 
     /// Adds the camera paths of one pass over one tile to `wave`, and the weights of their samples to `weights`.
     pub(super) fn start<K: Kernel>(&self, tile: u32, pass: u32, wave: &mut Wave<K>, weights: &mut Vec<f32>) {
         let [x0, y0, x1, y1] = self.buffer.rectangle(tile);
+        let samples = self.samples_of(tile, pass);
         for y in y0..y1 {
             for x in x0..x1 {
                 let key = pixel_key(x, y, self.seed);
@@ -200,10 +241,10 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 let filter = |u: Vec2| self.filter.sample(u);
                 match self.sampler {
                     Sampler::Sobol => {
-                        self.world.start(wave, weights, (centre, key), self.samples_of(pass), filter);
+                        self.world.start(wave, weights, (centre, key), samples.clone(), filter);
                     }
                     // The first point of a scramble of its own.
-                    Sampler::Independent => self.samples_of(pass).for_each(|sample| {
+                    Sampler::Independent => samples.clone().for_each(|sample| {
                         let seed = self.seed.wrapping_add((u64::from(sample) + 1) << 32);
                         self.world.start(wave, weights, (centre, pixel_key(x, y, seed)), 0..1, filter);
                     }),
@@ -212,23 +253,34 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         }
     }
 
-    fn samples_of(&self, pass: u32) -> Range<u32> {
-        pass * PASS..((pass + 1) * PASS).min(self.spp)
+    /// Samples of a pass that are yet to be taken: all, unless it was begun in another render.
+    fn samples_of(&self, tile: u32, pass: u32) -> Range<u32> {
+        pass * PASS + self.buffer.begun(tile, pass)..((pass + 1) * PASS).min(self.spp)
     }
 
-    /// Sums the samples of one pass over one tile by pixel.
+    /// Samples of a pass that is cut short.
+    pub(super) fn cut(&self, pass: u32) -> Option<u32> {
+        let samples = self.spp - pass * PASS;
+        (samples < PASS).then_some(samples)
+    }
+
+    /// Sums the samples of one pass over one tile by pixel, after those that are there.
     pub(super) fn sum(
         &self,
-        pass: u32,
+        (tile, pass): (u32, u32),
         radiance: &[Rgb],
         weights: &[f32],
         sums: &mut Vec<[f32; 4]>,
         counters: &mut Counters,
     ) {
         sums.clear();
-        let per_pixel = self.samples_of(pass).len();
+        let samples = self.samples_of(tile, pass);
+        let per_pixel = samples.len();
+        let begun =
+            if samples.start > pass * PASS { self.buffer.begun_sums(tile, pass) } else { Box::default() };
+        let mut begun = begun.iter().copied();
         for (radiance, weights) in radiance.chunks(per_pixel).zip(weights.chunks(per_pixel)) {
-            let mut sum = [0.0f32; 4];
+            let mut sum = begun.next().unwrap_or([0.0f32; 4]);
             for (&l, &w) in radiance.iter().zip(weights) {
                 let l = self.sensor(l, counters);
                 for (s, v) in sum.iter_mut().zip([l.x * w, l.y * w, l.z * w, w]) {

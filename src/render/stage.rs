@@ -7,6 +7,7 @@
 use super::Control;
 use super::load::load;
 use super::plan::Planned;
+use super::rounds::samples_asked;
 use crate::accel::{Accel, Builder, NONE};
 use crate::error::{Error, Result};
 use crate::geometry::{self, Needs, SceneGeometry, Surface, SurfaceShape, Surfaces};
@@ -130,7 +131,7 @@ impl Stage {
         settings: &RenderSettings,
         film_size: (u32, u32),
     ) {
-        let spp = settings.footprint_spp.or(settings.spp).unwrap_or(scene.spp).max(1);
+        let spp = settings.footprint_spp.unwrap_or_else(|| samples_asked(scene, settings)).max(1);
         let roulette = settings.roulette.unwrap_or(true);
         world.estimator = settings.estimator;
         world.samples_lights = world.lights.can_be_sampled() && settings.estimator != Estimator::Scattering;

@@ -5,6 +5,7 @@
 
 use super::Progress;
 use super::job::{Job, PASS};
+use super::rounds::Round;
 use crate::accel::Accel;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -131,6 +132,7 @@ type Passes = HashMap<(u32, u32), Vec<[f32; 4]>>;
 /// A part of the film's units, on their way.
 struct Part<'j, 'a, A: ?Sized> {
     job: &'j Job<'a, A>,
+    round: Option<&'j Round>,
     first: u64,
     /// Those that came before their turn.
     early: Mutex<Passes>,
@@ -138,21 +140,21 @@ struct Part<'j, 'a, A: ?Sized> {
 
 impl<A: Accel + ?Sized, K: Kernel> Film<K> for Part<'_, '_, A> {
     fn start(&self, unit: u32, wave: &mut Wave<K>, weights: &mut Vec<f32>) {
-        let (tile, pass) = self.job.unit(self.first + u64::from(unit));
+        let (tile, pass) = self.job.unit(self.round, self.first + u64::from(unit));
         self.job.start(tile, pass, wave, weights);
     }
 
     fn finish(&self, unit: u32, radiance: &[Rgb], weights: &[f32], counters: &mut Counters) {
-        let (tile, pass) = self.job.unit(self.first + u64::from(unit));
+        let (tile, pass) = self.job.unit(self.round, self.first + u64::from(unit));
         let mut sums = Vec::new();
-        self.job.sum(pass, radiance, weights, &mut sums, counters);
+        self.job.sum((tile, pass), radiance, weights, &mut sums, counters);
         let buffer = &self.job.buffer;
         {
             let mut early = lock(&self.early);
             early.insert((tile, pass), sums);
             let mut pass = buffer.passes(tile);
             while let Some(sums) = early.remove(&(tile, pass)) {
-                buffer.add(tile, pass, &sums);
+                buffer.add(tile, pass, self.job.cut(pass), &sums);
                 pass += 1;
             }
         }
@@ -197,7 +199,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 (grid, Some(residency), TAKEN.0)
             }
         };
-        let mut ledger = Ledger::new(&grid, residency);
+        let mut ledger = Some(Ledger::new(&grid, residency));
         let order = Order::new(self.world.accel.bounds());
         let passes = u64::from(self.spp.div_ceil(PASS));
         let total = u64::from(self.buffer.tile_count()) * passes;
@@ -221,34 +223,41 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             shares,
             voxels,
         };
-        let mut first = 0;
-        while first < total && !self.should_stop() {
-            let count = (total - first).min(in_part) as u32;
-            let units = Units::new(count, &meter);
-            let part = Part { job: self, first, early: Mutex::default() };
-            let queues = Queues::new(&grid, ledger, order, limits, &meter);
-            let permits = Permits::new(threads);
-            let counted = self.crew(workers(threads), |counters| {
-                permits.hold(|| {
-                    let stop = || self.should_stop();
-                    let mut shader =
-                        Shader::<A, K>::new(self.world, &units, &part, counters, gathered, &stop);
-                    queues.work(self.world.accel, &mut shader, &stop);
+        self.by_rounds(|round| {
+            let total = round.map_or(total, Round::passes);
+            let mut first = 0;
+            while first < total && !self.should_stop() {
+                let count = (total - first).min(in_part) as u32;
+                let units = Units::new(count, &meter);
+                let part = Part { job: self, round, first, early: Mutex::default() };
+                let record = ledger.take().expect("who writes in it gives it back");
+                let queues = Queues::new(&grid, record, order, limits, &meter);
+                let permits = Permits::new(threads);
+                let counted = self.crew(workers(threads), |counters| {
+                    permits.hold(|| {
+                        let stop = || self.should_stop();
+                        let mut shader =
+                            Shader::<A, K>::new(self.world, &units, &part, counters, gathered, &stop);
+                        queues.work(self.world.accel, &mut shader, &stop);
+                    });
                 });
-            });
-            counters.merge(&counted);
-            ledger = queues.finish();
-            stats.paths_in_flight_peak = stats.paths_in_flight_peak.max(units.peak_paths());
-            first += u64::from(count);
-            stats.batches += 1;
-        }
+                counters.merge(&counted);
+                ledger = Some(queues.finish());
+                stats.paths_in_flight_peak = stats.paths_in_flight_peak.max(units.peak_paths());
+                first += u64::from(count);
+                stats.batches += 1;
+            }
+        });
         stats.ray_memory_peak = (meter.bytes() + hands) as u64;
-        ledger.report(&mut stats);
+        ledger.iter().for_each(|ledger| ledger.report(&mut stats));
         (counters, stats)
     }
 
-    /// Which tile and pass unit `i` is.
-    fn unit(&self, i: u64) -> (u32, u32) {
+    /// Which tile and pass unit `i` of `round` is, or of all.
+    fn unit(&self, round: Option<&Round>, i: u64) -> (u32, u32) {
+        if let Some(round) = round {
+            return round.unit(i);
+        }
         let (tiles, passes) = (u64::from(self.buffer.tile_count()), u64::from(self.spp.div_ceil(PASS)));
         let (place, pass) =
             if self.deadline.is_some() { (i % tiles, i / tiles) } else { (i / passes, i % passes) };

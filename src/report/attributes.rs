@@ -35,6 +35,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         robust,
         strict: _,
         time_limit_s,
+        noise,
         crop: _,
         full_size: _,
         texture_memory: _,
@@ -57,12 +58,24 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         build_s,
         render_s,
         write_s: _,
+        checkpoint_s: _,
         total_s: _,
         first_pixel_s: _,
         stall_s: _,
     } = *time;
-    let ImageStats { width: _, height: _, spp, samples, non_finite_samples, pixels_without_samples: _ } =
-        *image;
+    let ImageStats {
+        width: _,
+        height: _,
+        spp,
+        spp_min,
+        spp_max,
+        spp_mean: _,
+        samples,
+        resumed_samples,
+        non_finite_samples,
+        estimated_relmse,
+        pixels_without_samples: _,
+    } = *image;
     let RayStats { closest, occluded, per_second } = *rays;
     let MemoryStats {
         budget: _,
@@ -108,6 +121,15 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
     number("time.render_s", render_s);
     if let Some(limit) = time_limit_s {
         number("time_limit_s", *limit);
+    }
+    for (name, value) in [
+        ("noise", *noise),
+        ("spp_min", spp_min.map(f64::from)),
+        ("spp_max", spp_max.map(f64::from)),
+        ("estimated_relmse", estimated_relmse),
+        ("resumed_samples", Some(resumed_samples as f64).filter(|&samples| samples > 0.0)),
+    ] {
+        value.into_iter().for_each(|value| number(name, value));
     }
     if let Some(rss) = peak_rss {
         number("memory.peak_rss", *rss as f64);

@@ -90,6 +90,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         count(image.samples as f64),
         image.non_finite_samples
     )?;
+    write_error(stats, out)?;
     writeln!(
         out,
         "settings  backend {}{}, depth {}, roulette {}, seed {}{}",
@@ -169,6 +170,27 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         writeln!(out, "kernel    {}: {}", plan.kernel, plan.calls)?;
     }
     write_scheduler(scheduler, out)
+}
+
+/// Where samples are not the same for all pixels, or not all of this render.
+fn write_error(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
+    let (image, settings) = (&stats.image, &stats.settings);
+    if let (Some(noise), Some(least), Some(most)) = (settings.noise, image.spp_min, image.spp_max) {
+        let mean = image.spp_mean.unwrap_or(0.0);
+        writeln!(
+            out,
+            "noise     {} % asked for: {least} to {most} samples per pixel, {mean:.1} in the mean{}",
+            noise * 100.0,
+            image.estimated_relmse.map_or(String::new(), |relmse| format!(
+                "; estimated relMSE {relmse:.3e}, a relative error of {:.2} %",
+                relmse.sqrt() * 100.0
+            ))
+        )?;
+    }
+    if image.resumed_samples > 0 {
+        writeln!(out, "resumed   {} samples are a checkpoint's", count(image.resumed_samples as f64))?;
+    }
+    Ok(())
 }
 
 /// Writes what each part of a render may take, a line each, after `indent`.

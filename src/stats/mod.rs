@@ -115,6 +115,8 @@ pub struct EffectiveSettings {
     pub strict: bool,
     /// Limit on the rendering time.
     pub time_limit_s: Option<f64>,
+    /// Relative error at which regions stop; `None` when none was asked for.
+    pub noise: Option<f64>,
     /// Crop window x0, y0, x1, y1 (exclusive) in the full frame.
     pub crop: [u32; 4],
     /// Full frame.
@@ -141,6 +143,8 @@ pub struct TimeStats {
     pub render_s: f64,
     /// Encoding and writing images.
     pub write_s: f64,
+    /// Writing checkpoints, most of it while rendering goes on.
+    pub checkpoint_s: f64,
     /// All of it.
     pub total_s: f64,
     /// From the start to the first finished pixel sample.
@@ -150,7 +154,7 @@ pub struct TimeStats {
 }
 
 /// The image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ImageStats {
     /// Pixels across.
@@ -159,10 +163,21 @@ pub struct ImageStats {
     pub height: u32,
     /// Whole samples per pixel that are in the image.
     pub spp: u32,
+    /// Samples of the pixels that have fewest; `None` where all were to get the same in one go.
+    pub spp_min: Option<u32>,
+    /// Of those that have most.
+    pub spp_max: Option<u32>,
+    /// Of a pixel in the mean.
+    pub spp_mean: Option<f64>,
     /// Camera samples traced.
     pub samples: u64,
+    /// Camera samples that a checkpoint had; they are not counted in `samples`.
+    pub resumed_samples: u64,
     /// Samples that were infinite or not a number.
     pub non_finite_samples: u64,
+    /// relMSE against the picture of infinitely many samples, as the samples themselves tell it; `None` where no error was
+    /// estimated, which takes `--noise`.
+    pub estimated_relmse: Option<f64>,
     /// Pixels that a stopped render did not reach; black.
     pub pixels_without_samples: u64,
 }
@@ -341,7 +356,7 @@ mod tests {
                     "stall_s",
                 ],
             ),
-            ("image", &["width", "height", "spp", "samples", "non_finite_samples"]),
+            ("image", &["width", "height", "spp", "samples", "non_finite_samples", "estimated_relmse"]),
             ("rays", &["closest", "occluded", "per_second"]),
             ("memory", &["budget", "peak_accounted", "peak_rss", "unaccounted", "timeline"]),
         ] {

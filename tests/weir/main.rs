@@ -11,10 +11,12 @@ mod support;
 mod filters;
 mod known;
 
+mod calibration;
 mod determinism;
 mod effects;
 mod estimators;
 mod references;
+mod resume;
 mod schedule;
 mod significance;
 

@@ -60,11 +60,31 @@ fn picture(stats: &RenderStats, image: Option<&Image>) -> String {
     let smaller = if width < image.width { format!("; shown at {width} × {height}") } else { String::new() };
     format!(
         "<figure class=\"picture\" id=\"image\"><img src=\"{uri}\" width=\"{width}\" height=\"{height}\" \
-         alt=\"the rendered image\"><figcaption>{} × {} pixels, {} samples per pixel{smaller}</figcaption></figure>\n",
+         alt=\"the rendered image\"><figcaption>{} × {} pixels, {} samples per pixel{}{smaller}</figcaption></figure>\n",
         number("/image/width", &stats.image.width, &stats.image.width.to_string()),
         number("/image/height", &stats.image.height, &stats.image.height.to_string()),
         number("/image/spp", &stats.image.spp, &stats.image.spp.to_string()),
+        error(stats),
     )
+}
+
+/// How samples are spread, and the error that they tell of, where that was asked for.
+fn error(stats: &RenderStats) -> String {
+    let image = &stats.image;
+    let (Some(least), Some(most), Some(noise)) = (image.spp_min, image.spp_max, stats.settings.noise) else {
+        return String::new();
+    };
+    let mut out = format!(
+        ", {} at least and {} at most; a relative error of {} was asked for",
+        number("/image/spp_min", &least, &least.to_string()),
+        number("/image/spp_max", &most, &most.to_string()),
+        number("/settings/noise", &noise, &format!("{:.2} %", noise * 100.0)),
+    );
+    if let Some(relmse) = image.estimated_relmse {
+        let shown = number("/image/estimated_relmse", &relmse, &format!("{relmse:.3e}"));
+        let _ = write!(out, ", and estimated are {:.2} % (relMSE {shown})", relmse.sqrt() * 100.0);
+    }
+    out
 }
 
 /// The command line and the settings.

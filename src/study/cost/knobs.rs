@@ -91,7 +91,10 @@ pub(super) fn missing() -> Vec<LeftOut> {
         ("precision", "Weir intersects in f32 with f64 where signs decide, and has nothing else"),
         ("texel depth", "Weir keeps texels as their files have them"),
         ("denoising", "Weir has none"),
-        ("noise threshold", "Weir has none"),
+        (
+            "noise threshold",
+            "--noise chooses samples pixel by pixel; docs/noise.md has what it asks and keeps",
+        ),
     ]
     .map(|(knob, because)| LeftOut { knob: knob.to_owned(), because: because.to_owned() })
     .to_vec()

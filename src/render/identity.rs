@@ -1,0 +1,170 @@
+//! What a picture depends on, by name: two renders of the same names and values have the same samples.
+//!
+//! The number of samples is none of it, but where regions stop by their error. Files that the scene names count by their
+//! length and the time at which they were changed, the scene file itself by what it says, and none by the directory that
+//! it is in.
+
+use crate::scene::{Film, MeshSource, SceneDescription};
+use crate::settings::{Backend, Estimator, RenderSettings, Sampler};
+use std::fmt::{self, Debug, Write};
+use std::path::Path;
+use std::time::UNIX_EPOCH;
+use xxhash_rust::xxh3::Xxh3;
+
+/// What was found while loading.
+pub(super) struct Found {
+    /// What traces.
+    pub(super) backend: Backend,
+    /// Scale of texture footprints, where anything asks for it.
+    pub(super) footprints: Option<f32>,
+    pub(super) max_depth: u32,
+    pub(super) seed: u64,
+    pub(super) spp: u32,
+}
+
+/// Name and value of each thing that the picture depends on.
+pub(super) fn identity(
+    scene: &SceneDescription,
+    settings: &RenderSettings,
+    film: &Film,
+    found: &Found,
+) -> Vec<(String, String)> {
+    let on_off = |on: bool| if on { "on" } else { "off" };
+    let [x0, y0, x1, y1] = film.crop;
+    let mut list = vec![
+        ("version of Weir", env!("CARGO_PKG_VERSION").to_owned()),
+        ("size", format!("{}x{}", film.size.0, film.size.1)),
+        ("crop", format!("{x0},{y0},{x1},{y1}")),
+        ("seed", found.seed.to_string()),
+        ("depth", found.max_depth.to_string()),
+        ("roulette", on_off(settings.roulette.unwrap_or(true)).to_owned()),
+        (
+            "sampler",
+            match settings.sampler {
+                Sampler::Sobol => "sobol",
+                Sampler::Independent => "independent",
+            }
+            .to_owned(),
+        ),
+        (
+            "estimator",
+            match settings.estimator {
+                Estimator::Both => "both",
+                Estimator::Lights => "lights",
+                Estimator::Scattering => "scattering",
+            }
+            .to_owned(),
+        ),
+        ("backend", found.backend.name().to_owned()),
+        ("robust traversal", on_off(settings.robust).to_owned()),
+    ];
+    if let Some(filter) = settings.texture_filter {
+        list.push(("texture filter", format!("{filter:?}").to_lowercase()));
+    }
+    if let Some(scale) = found.footprints {
+        // As many samples as have footprints of that size, 64 for all above.
+        list.push(("count of samples that textures are filtered for (--footprint-spp)", {
+            let spp = (1.0 / (scale * scale)).round();
+            if spp >= 64.0 { "64 or more".to_owned() } else { spp.to_string() }
+        }));
+    }
+    if let Some(noise) = settings.noise {
+        list.push(("noise", noise.to_string()));
+        // How far a tile may go decides with whom it goes on.
+        list.push(("limit of samples per pixel", found.spp.to_string()));
+    }
+    list.push(("scene", format!("{:016x}", of_scene(scene, film))));
+    list.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+/// A hash that can be written to.
+struct Text(Xxh3);
+
+impl Write for Text {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0.update(text.as_bytes());
+        Ok(())
+    }
+}
+
+/// Of all that the scene says, but for samples, seed and file names of images to write.
+fn of_scene(scene: &SceneDescription, film: &Film) -> u64 {
+    // Destructured, so that what a scene says anew breaks the build until it is decided on.
+    let SceneDescription {
+        path,
+        camera,
+        film: _,
+        filter,
+        spp: _,
+        seed: _,
+        integrator,
+        meshes,
+        patch_meshes,
+        shapes,
+        objects,
+        instances,
+        materials,
+        textures,
+        images,
+        area_lights,
+        lights,
+        media,
+        camera_medium,
+        warnings: _,
+    } = scene;
+    let directory = path.parent().unwrap_or(Path::new("")).display().to_string();
+    let mut hash = Text(Xxh3::new());
+    // Hashing cannot fail.
+    let mut add = |what: &dyn Debug| {
+        let text = format!("{what:?};");
+        let _ = hash.write_str(&if directory.is_empty() { text } else { text.replace(&directory, "") });
+    };
+    add(&Film { filename: None, ..film.clone() });
+    add(&(camera, filter, integrator, camera_medium));
+    shapes.iter().for_each(|shape| add(shape));
+    objects.iter().for_each(|object| add(object));
+    instances.iter().for_each(|instance| add(instance));
+    materials.iter().for_each(|material| add(material));
+    textures.iter().for_each(|texture| add(texture));
+    area_lights.iter().for_each(|light| add(light));
+    lights.iter().for_each(|light| add(light));
+    media.iter().for_each(|medium| add(medium));
+    for image in images {
+        add(image);
+        add(&stamp(&image.path));
+    }
+    for mesh in meshes {
+        if let Some(path) = file_of(mesh) {
+            add(&stamp(path));
+        }
+        if file_of(mesh).is_some() {
+            add(mesh);
+        }
+    }
+    // What stands in the file may be long: never a text of its own.
+    for mesh in meshes {
+        if file_of(mesh).is_none() {
+            let _ = write!(hash, "{mesh:?};");
+        }
+    }
+    for mesh in patch_meshes {
+        let _ = write!(hash, "{mesh:?};");
+    }
+    hash.0.digest()
+}
+
+/// The file that a mesh is made of.
+fn file_of(mesh: &MeshSource) -> Option<&Path> {
+    match mesh {
+        MeshSource::Ply(path) => Some(path),
+        MeshSource::Displaced { base, .. } => file_of(base),
+        MeshSource::Inline(_) | MeshSource::Loop { .. } | MeshSource::Curves(_) => None,
+    }
+}
+
+/// Length of a file and when it was changed, in nanoseconds.
+fn stamp(path: &Path) -> Option<(u64, Option<u128>)> {
+    let there = std::fs::metadata(path).ok()?;
+    let changed = there.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+    Some((there.len(), changed.map(|time| time.as_nanos())))
+}

@@ -1,0 +1,124 @@
+//! Keeps a render half done on the disk while it goes on.
+//!
+//! Invariant: what is kept is a state that the render without an interruption goes through.
+//! Never stops a render because a disk does not take it: that is noted.
+
+use super::job::Job;
+use crate::accel::Accel;
+use crate::error::{Error, Result};
+use crate::film::FilmBuffer;
+use crate::film::checkpoint::{self, Checkpoint};
+use crate::permits::lock;
+use crate::settings::Checkpointing;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::sync::{Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Where a render is kept, and what it is.
+pub(super) struct Keeper<'a> {
+    pub(super) settings: &'a Checkpointing,
+    pub(super) identity: Vec<(String, String)>,
+    kept: Mutex<Kept>,
+}
+
+/// What has come of it.
+#[derive(Default)]
+struct Kept {
+    /// Samples in the file.
+    samples: Option<u64>,
+    seconds: f64,
+    /// What went wrong last.
+    failed: Option<String>,
+}
+
+/// Reads the checkpoint `path` of the render that is `identity` into `film`, if there is one.
+///
+/// # Errors
+/// Those of [`checkpoint::load`], and one with more samples a pixel than `spp`.
+pub(super) fn take_up(
+    path: &Path,
+    film: &FilmBuffer,
+    identity: &[(String, String)],
+    spp: u32,
+) -> Result<Option<Checkpoint>> {
+    let there = checkpoint::load(path, film, identity)?;
+    let most = film.samples(u32::MAX).1;
+    if most > spp {
+        return Err(Error::Usage(format!(
+            "{}: a checkpoint with {most} samples per pixel already, more than the {spp} asked for; ask for more, or \
+             remove it to start anew",
+            path.display()
+        )));
+    }
+    Ok(there)
+}
+
+/// Set when the render has ended, however.
+struct Ended<'a>(&'a Mutex<bool>, &'a Condvar);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        *lock(self.0) = true;
+        self.1.notify_all();
+    }
+}
+
+impl<'a> Keeper<'a> {
+    /// Of the render `identity`; `there` are the samples that the file has already.
+    pub(super) fn new(
+        settings: &'a Checkpointing,
+        identity: Vec<(String, String)>,
+        there: Option<u64>,
+    ) -> Self {
+        Self { settings, identity, kept: Mutex::new(Kept { samples: there, ..Kept::default() }) }
+    }
+
+    /// Calls `render`, which works at `job`, and keeps that as often as was asked for, and when it has ended.
+    pub(super) fn during<A: Accel + ?Sized, R>(&self, job: &Job<'_, A>, render: impl FnOnce() -> R) -> R {
+        let (ended, wakes) = (Mutex::new(false), Condvar::new());
+        // For ever, if a person says so.
+        let every = Duration::try_from_secs_f64(self.settings.every_seconds).unwrap_or(Duration::MAX);
+        let watch = || {
+            loop {
+                let waited = wakes.wait_timeout_while(lock(&ended), every, |ended| !*ended);
+                let (guard, time) = waited.unwrap_or_else(PoisonError::into_inner);
+                drop(guard);
+                if !time.timed_out() {
+                    return;
+                }
+                self.keep(job);
+            }
+        };
+        let result = std::thread::scope(|scope| {
+            let _ended = Ended(&ended, &wakes);
+            // Without that thread it is kept when it ends.
+            let _ = std::thread::Builder::new().spawn_scoped(scope, watch);
+            render()
+        });
+        self.keep(job);
+        result
+    }
+
+    /// Writes what is done of `job`, if anything is new.
+    fn keep<A: Accel + ?Sized>(&self, job: &Job<'_, A>) {
+        let Some(rounds) = &job.rounds else { return };
+        let start = Instant::now();
+        let samples = job.samples.load(Ordering::Relaxed);
+        let mut kept = lock(&self.kept);
+        if kept.samples == Some(samples) || samples == 0 {
+            return;
+        }
+        let path = &self.settings.path;
+        let saved = rounds.hold(|targets| checkpoint::save(path, &job.buffer, &self.identity, targets));
+        kept.seconds += start.elapsed().as_secs_f64();
+        kept.failed = saved.err().map(|e| format!("the checkpoint was not written: {e}"));
+        kept.samples = Some(samples).filter(|_| kept.failed.is_none());
+    }
+
+    /// Seconds that writing took, and what went wrong with the last.
+    pub(super) fn end(self) -> (f64, Option<String>) {
+        let kept = self.kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+        (kept.seconds, kept.failed)
+    }
+}
