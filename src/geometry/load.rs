@@ -61,7 +61,7 @@ pub struct Paging {
 /// or divided, which may take long.
 ///
 /// # Errors
-/// [`Error::Interrupted`] when `stop` says so. The first mesh, in the scene's order, that cannot be read.
+/// [`Interrupted`](crate::error::Error::Interrupted) when `stop` says so. The first mesh, in the scene's order, that cannot be read.
 pub fn load(
     scene: &SceneDescription,
     paging: Option<&Paging>,
