@@ -68,6 +68,8 @@ pub struct Outcome {
     pub notes: Vec<String>,
     /// One line for each texture file of which some tile could not be read, and is magenta.
     pub unreadable: Vec<String>,
+    /// Why there is no checkpoint of the picture, where one was asked for.
+    pub unsaved: Option<String>,
 }
 
 /// Renders `scene`.

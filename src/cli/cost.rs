@@ -104,6 +104,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         budget_s: options.budget,
         target: options.target,
         reference: options.reference.clone(),
+        patience: cost::PATIENCE,
     };
     let found = cost::study(&scene, &what, &control);
     bar.clear();

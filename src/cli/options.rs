@@ -63,7 +63,7 @@ pub(super) struct SettingsOptions {
     /// Bytes of a page of geometry, 4K to 128K
     #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::page_bytes, allow_negative_numbers = true)]
     page_size: u64,
-    /// Which rays run next: auto chooses depth where everything fits in memory, else what makes most of it
+    /// Which rays run next: auto chooses depth, but voxel where pages of geometry have room for less than a twelfth of them
     #[arg(long, value_name = "NAME", default_value = "auto")]
     schedule: ScheduleName,
     /// Bytes of paths in flight and their rays where they wait (schedules sorted and voxel); 256M if not given

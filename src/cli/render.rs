@@ -155,7 +155,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
         print(&summary(&outcome.stats, &outputs, options.records()))?;
     }
     // Last, where nobody overlooks it: the image is there, but not as the scene wants it.
-    outcome.unreadable.iter().for_each(|line| note(line));
+    outcome.unreadable.iter().chain(&outcome.unsaved).for_each(|line| note(line));
     Ok(if outcome.unreadable.is_empty() { End::Done } else { End::BadInput })
 }
 
@@ -254,7 +254,7 @@ fn summary<'a>(stats: &RenderStats, outputs: &[PathBuf], records: impl Iterator<
     let mut text = String::new();
     let image = &stats.image;
     let samples = match (stats.settings.noise, image.spp_min, image.spp_max) {
-        (Some(_), Some(least), Some(most)) => format!("{least} to {most}"),
+        (Some(_), Some(least), Some(most)) if least < most => format!("{least} to {most}"),
         _ => image.spp.to_string(),
     };
     for path in outputs {

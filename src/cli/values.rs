@@ -83,10 +83,10 @@ pub(super) fn crop(text: &str) -> Result<[u32; 4], String> {
 pub(super) fn noise(text: &str) -> Result<f64, String> {
     let trimmed = text.trim();
     let (number, scale) = match trimmed.strip_suffix('%') {
-        Some(number) => (number.trim_end(), 0.01),
+        Some(number) => (number.trim_end(), 100.0),
         None => (trimmed, 1.0),
     };
-    match number.parse::<f64>().map(|number| number * scale) {
+    match number.parse::<f64>().map(|number| number / scale) {
         Ok(noise) if (1e-4..=1.0).contains(&noise) => Ok(noise),
         _ => Err(format!("`{text}` is not an error from 0.0001 to 1; 0.02 or 2% is")),
     }

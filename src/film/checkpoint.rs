@@ -111,6 +111,10 @@ pub fn load(path: &Path, film: &FilmBuffer, identity: &[(String, String)]) -> Re
         Err(e) => return Err(Error::io(path, e)),
     };
     let damaged = || refuse("a checkpoint that is damaged or cut short, or no checkpoint at all");
+    // Before it is read: what is longer than any of this film is none.
+    if file.metadata().map_err(|e| Error::io(path, e))?.len() > most_bytes(film) {
+        return Err(damaged());
+    }
     let mut reader = BufReader::with_capacity(1 << 16, file);
     let body = whole_body(&mut reader).map_err(|e| Error::io(path, e))?.ok_or_else(damaged)?;
     reader.seek(SeekFrom::Start(0)).map_err(|e| Error::io(path, e))?;
@@ -142,6 +146,17 @@ pub fn load(path: &Path, film: &FilmBuffer, identity: &[(String, String)]) -> Re
         return Err(damaged());
     }
     Ok(Some(Checkpoint { samples: film.samples(u32::MAX).2, targets }))
+}
+
+/// Bytes of the longest checkpoint of `film`.
+fn most_bytes(film: &FilmBuffer) -> u64 {
+    let pixels = |i: u32| {
+        let [x0, y0, x1, y1] = film.rectangle(i);
+        u64::from(x1 - x0) * u64::from(y1 - y0)
+    };
+    // The sums, the squares, and the sums of a cut pass; three words a tile.
+    let tiles: u64 = (0..film.tile_count()).map(|i| 12 + pixels(i) * (16 + 12 + 16)).sum();
+    16 + MOST_HEAD_BYTES + tiles + 8
 }
 
 /// Bytes before the hash at the end, if that is right.
@@ -285,5 +300,9 @@ mod tests {
         refused(&sealed(&[body, &[0; 4]].concat()));
         refused(&sealed(b"WEIRSAVE\x01\0\0\0\xff\xff\0\0{}"));
         refused(&sealed(b""));
+        // Longer than any, and not there: refused before it is read.
+        std::fs::File::create(&path).and_then(|file| file.set_len(1 << 40)).expect("a file with a hole");
+        let error = load(&path, &films().1, &identity(1)).expect_err("no checkpoint");
+        assert!(error.to_string().contains("no checkpoint at all"), "{error}");
     }
 }

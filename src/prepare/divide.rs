@@ -4,6 +4,7 @@
 //! Never measures: it divides what is expected, and who loads holds that against what comes.
 
 use super::bytes::GeometryBytes;
+use super::schedule::is_roomy;
 use crate::error::{Error, Result};
 use crate::settings::{Backend, RenderSettings, Schedule};
 
@@ -36,6 +37,8 @@ pub struct Division {
     pub textures: u64,
     /// Rays, where they wait.
     pub rays: u64,
+    /// Whether those are set aside.
+    pub waiting: bool,
     /// Tables of what waits and of what comes and goes.
     pub tables: u64,
     /// Geometry and textures may give each other of theirs while rendering.
@@ -134,6 +137,7 @@ fn without_bound(settings: &RenderSettings, geometry: GeometryBytes, least: &dyn
         pages,
         textures: settings.texture_memory.unwrap_or_else(|| least.usual_textures()),
         rays: settings.ray_memory.unwrap_or_else(|| least.usual_rays()),
+        waiting: false,
         tables: 0,
         balanced: false,
         because: "no bound on all".to_owned(),
@@ -204,6 +208,7 @@ impl Parts<'_> {
             } else {
                 ray_memory.unwrap_or(self.least.usual_rays())
             },
+            waiting,
             tables,
             balanced: false,
             because: if all { "everything fits" } else { "geometry fits, textures come and go in the rest" }
@@ -213,9 +218,23 @@ impl Parts<'_> {
 
     /// Geometry comes and goes.
     fn paged(&self) -> std::result::Result<Division, u64> {
-        let RenderSettings { schedule, geometry_memory, texture_memory, ray_memory, .. } = *self.settings;
         let timed = self.settings.time_limit_seconds.is_some();
-        let waiting = schedule != Schedule::Depth && !(schedule == Schedule::Auto && timed);
+        match self.settings.schedule {
+            Schedule::Depth => self.paged_where(false),
+            Schedule::Auto if timed => self.paged_where(false),
+            Schedule::Sorted | Schedule::Voxel => self.paged_where(true),
+            // What rays need not is room for pages.
+            Schedule::Auto => {
+                let room = |d: &Division| d.geometry.unwrap_or(0).saturating_sub(self.geometry.staying);
+                let roomy = |d: &Division| is_roomy(self.geometry.pages, room(d));
+                self.paged_where(false).ok().filter(roomy).map_or_else(|| self.paged_where(true), Ok)
+            }
+        }
+    }
+
+    /// Geometry comes and goes, and rays are `waiting` for it or not.
+    fn paged_where(&self, waiting: bool) -> std::result::Result<Division, u64> {
+        let RenderSettings { geometry_memory, texture_memory, ray_memory, .. } = *self.settings;
         let pages = self.geometry.pages / self.least.page_bytes().max(1);
         let tables = TABLES + pages * TABLES_A_PAGE + self.textures / TEXTURES_A_TABLE_BYTE;
         // What stays is expected, not known: a sixteenth more, and some for small trees.
@@ -260,11 +279,14 @@ impl Parts<'_> {
             pages: true,
             textures: least_textures + to_textures,
             rays: if waiting { least_rays + rays } else { ray_memory.unwrap_or(self.least.usual_rays()) },
+            waiting,
             tables,
             balanced: geometry_memory.is_none() && texture_memory.is_none(),
-            because: "film, tables and the least of each first; of the rest an eighth to rays, an eighth to textures at \
-                      first, and the others to geometry"
-                .to_owned(),
+            because: format!(
+                "film, tables and the least of each first; of the rest {}an eighth to textures at first, and the others to \
+                 geometry",
+                if waiting { "an eighth to rays, " } else { "" }
+            ),
         })
     }
 }

@@ -18,6 +18,16 @@ pub enum Store {
     },
 }
 
+/// Where pages have room for this part of them or more, a path at a time finds nearly all that it needs, and memory does more
+/// for pages than for rays that wait.
+const ROOM_FOR_DEPTH: u64 = 12;
+
+/// Whether paths need not wait where pages of `bytes` have `room`.
+#[must_use]
+pub(super) fn is_roomy(bytes: u64, room: u64) -> bool {
+    room.saturating_mul(ROOM_FOR_DEPTH) >= bytes
+}
+
 /// The schedule, never [`Schedule::Auto`], and why.
 #[must_use]
 pub fn choose(settings: &RenderSettings, geometry: Store) -> (Schedule, String) {
@@ -33,9 +43,16 @@ pub fn choose(settings: &RenderSettings, geometry: Store) -> (Schedule, String) 
         (Schedule::Auto, Store::Pages { .. }) if settings.time_limit_seconds.is_some() => {
             (Schedule::Depth, "a limit on time wants samples that are done soon".into())
         }
-        (Schedule::Auto, Store::Pages { bytes, room }) if bytes > room => {
-            (Schedule::Voxel, format!("{bytes} bytes of geometry in room for {room}"))
-        }
+        (Schedule::Auto, Store::Pages { bytes, room }) if !is_roomy(bytes, room) => (
+            Schedule::Voxel,
+            format!("{bytes} bytes of geometry in room for {room}, less than a {ROOM_FOR_DEPTH}th"),
+        ),
+        (Schedule::Auto, Store::Pages { bytes, room }) if bytes > room => (
+            Schedule::Depth,
+            format!(
+                "{bytes} bytes of geometry in room for {room}: enough for what paths need one after the other"
+            ),
+        ),
         (Schedule::Auto, _) => (Schedule::Depth, "all geometry fits in memory".into()),
     }
 }
@@ -46,12 +63,14 @@ mod tests {
 
     #[test]
     fn every_case() {
-        let pages = Store::Pages { bytes: 100, room: 10 };
+        let pages = Store::Pages { bytes: 100, room: 8 };
+        let enough = Store::Pages { bytes: 100, room: 9 };
         let roomy = Store::Pages { bytes: 100, room: 100 };
         for (asked, store, timed, wanted) in [
             (Schedule::Auto, Store::Resident, false, Schedule::Depth),
             (Schedule::Auto, pages, false, Schedule::Voxel),
             (Schedule::Auto, pages, true, Schedule::Depth),
+            (Schedule::Auto, enough, false, Schedule::Depth),
             (Schedule::Auto, roomy, false, Schedule::Depth),
             (Schedule::Voxel, roomy, true, Schedule::Voxel),
             (Schedule::Voxel, Store::Resident, false, Schedule::Sorted),

@@ -16,11 +16,11 @@ use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image, Keeps};
-use crate::geometry::SceneGeometry;
 use crate::geometry::pages::PageStore;
+use crate::geometry::{Needs, SceneGeometry};
 use crate::integrator::lights::Lights;
 use crate::integrator::path::World;
-use crate::prepare::{Calls, RenderPlan, Store, calls_named, choose};
+use crate::prepare::{RenderPlan, Store, calls_named, choose};
 use crate::scene::{Film, SceneDescription};
 use crate::settings::{Backend, RenderSettings, Schedule};
 use crate::stats::{self, AccountedBytes, RenderStats, SchedulerStats};
@@ -141,7 +141,8 @@ impl Frames<'_, '_> {
         let buffer = FilmBuffer::keeping(film.crop, keeps);
         let (keeper, resumed) = match &settings.checkpoint {
             Some(kept) => {
-                let wants_footprints = world.calls.has(Calls::FOOTPRINTS);
+                // By surfaces: a kernel may be made to have cones that nothing reads.
+                let wants_footprints = world.shading.iter().any(|s| s.needs.has(Needs::FOOTPRINT));
                 let footprints = wants_footprints.then_some(world.footprint_scale);
                 let found =
                     Found { backend: plan.backend, footprints, max_depth: world.max_depth, seed, spp };
@@ -294,10 +295,11 @@ impl Frames<'_, '_> {
         if let (Some(rounds), false) = (&job.rounds, interrupted) {
             notes.extend(rounds.unmet(&job.buffer));
         }
+        let mut unsaved = None;
         if let Some(keeper) = keeper {
             let (seconds, failed) = keeper.end();
             stats.time.checkpoint_s = seconds;
-            notes.extend(failed);
+            unsaved = failed;
         }
         if plan.backend != settings.backend {
             notes.push(format!(
@@ -309,7 +311,7 @@ impl Frames<'_, '_> {
         let mut image = Image::cropped(film.size, film.crop);
         image.pixels = job.buffer.resolve();
         white_balance(&mut image.pixels, film);
-        Ok(Outcome { image, stats, interrupted, notes, unreadable })
+        Ok(Outcome { image, stats, interrupted, notes, unreadable, unsaved })
     }
 }
 

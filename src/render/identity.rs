@@ -29,6 +29,42 @@ pub(super) fn identity(
     film: &Film,
     found: &Found,
 ) -> Vec<(String, String)> {
+    // Destructured, so that what may be set anew breaks the build until it is decided on.
+    let RenderSettings {
+        // Told by what was found, or by the film.
+        spp: _,
+        size: _,
+        crop: _,
+        max_depth: _,
+        seed: _,
+        backend: _,
+        backend_named: _,
+        footprint_spp: _,
+        // Of the picture.
+        roulette,
+        robust,
+        estimator,
+        sampler,
+        noise,
+        texture_filter,
+        tessellation,
+        // The picture is the same.
+        threads: _,
+        memory: _,
+        time_limit_seconds: _,
+        outputs: _,
+        texture_memory: _,
+        geometry_memory: _,
+        page_bytes: _,
+        schedule: _,
+        ray_memory: _,
+        voxels: _,
+        texture_latency_seconds: _,
+        cache_dir: _,
+        strict: _,
+        force_effects: _,
+        checkpoint: _,
+    } = settings;
     let on_off = |on: bool| if on { "on" } else { "off" };
     let [x0, y0, x1, y1] = film.crop;
     let mut list = vec![
@@ -37,10 +73,10 @@ pub(super) fn identity(
         ("crop", format!("{x0},{y0},{x1},{y1}")),
         ("seed", found.seed.to_string()),
         ("depth", found.max_depth.to_string()),
-        ("roulette", on_off(settings.roulette.unwrap_or(true)).to_owned()),
+        ("roulette", on_off(roulette.unwrap_or(true)).to_owned()),
         (
             "sampler",
-            match settings.sampler {
+            match sampler {
                 Sampler::Sobol => "sobol",
                 Sampler::Independent => "independent",
             }
@@ -48,7 +84,7 @@ pub(super) fn identity(
         ),
         (
             "estimator",
-            match settings.estimator {
+            match estimator {
                 Estimator::Both => "both",
                 Estimator::Lights => "lights",
                 Estimator::Scattering => "scattering",
@@ -56,10 +92,13 @@ pub(super) fn identity(
             .to_owned(),
         ),
         ("backend", found.backend.name().to_owned()),
-        ("robust traversal", on_off(settings.robust).to_owned()),
+        ("robust traversal", on_off(*robust).to_owned()),
     ];
-    if let Some(filter) = settings.texture_filter {
+    if let Some(filter) = texture_filter {
         list.push(("texture filter", format!("{filter:?}").to_lowercase()));
+    }
+    if let Some(pixels) = tessellation {
+        list.push(("count of pixels of an edge (--tessellation)", pixels.to_string()));
     }
     if let Some(scale) = found.footprints {
         // As many samples as have footprints of that size, 64 for all above.
@@ -68,7 +107,7 @@ pub(super) fn identity(
             if spp >= 64.0 { "64 or more".to_owned() } else { spp.to_string() }
         }));
     }
-    if let Some(noise) = settings.noise {
+    if let Some(noise) = noise {
         list.push(("noise", noise.to_string()));
         // How far a tile may go decides with whom it goes on.
         list.push(("limit of samples per pixel", found.spp.to_string()));
@@ -112,12 +151,15 @@ fn of_scene(scene: &SceneDescription, film: &Film) -> u64 {
         camera_medium,
         warnings: _,
     } = scene;
-    let directory = path.parent().unwrap_or(Path::new("")).display().to_string();
+    let beside = beside(path);
     let mut hash = Text(Xxh3::new());
     // Hashing cannot fail.
     let mut add = |what: &dyn Debug| {
         let text = format!("{what:?};");
-        let _ = hash.write_str(&if directory.is_empty() { text } else { text.replace(&directory, "") });
+        let _ = hash.write_str(&match &beside {
+            Some(beside) => text.replace(beside, "\""),
+            None => text,
+        });
     };
     add(&Film { filename: None, ..film.clone() });
     add(&(camera, filter, integrator, camera_medium));
@@ -151,6 +193,19 @@ fn of_scene(scene: &SceneDescription, film: &Film) -> u64 {
         let _ = write!(hash, "{mesh:?};");
     }
     hash.0.digest()
+}
+
+/// How names of files in the directory of `path` begin where they are printed, the quote included: what follows a quote is no number,
+/// so that nothing but names is taken for one. `None` where they have no directory.
+fn beside(path: &Path) -> Option<String> {
+    let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty())?;
+    let mut beside = format!("{directory:?}");
+    // The quote at its end.
+    beside.pop();
+    if !beside.ends_with('/') {
+        beside.push('/');
+    }
+    Some(beside)
 }
 
 /// The file that a mesh is made of.

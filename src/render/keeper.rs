@@ -15,6 +15,9 @@ use std::sync::atomic::Ordering;
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+/// As often as is kept at most.
+const OFTEN: Duration = Duration::from_millis(1);
+
 /// Where a render is kept, and what it is.
 pub(super) struct Keeper<'a> {
     pub(super) settings: &'a Checkpointing,
@@ -78,7 +81,8 @@ impl<'a> Keeper<'a> {
     pub(super) fn during<A: Accel + ?Sized, R>(&self, job: &Job<'_, A>, render: impl FnOnce() -> R) -> R {
         let (ended, wakes) = (Mutex::new(false), Condvar::new());
         // For ever, if a person says so.
-        let every = Duration::try_from_secs_f64(self.settings.every_seconds).unwrap_or(Duration::MAX);
+        let every =
+            Duration::try_from_secs_f64(self.settings.every_seconds).unwrap_or(Duration::MAX).max(OFTEN);
         let watch = || {
             loop {
                 let waited = wakes.wait_timeout_while(lock(&ended), every, |ended| !*ended);

@@ -86,14 +86,15 @@ impl Rounds {
 
     /// A line about tiles of `film` that have as many samples as they may, and yet a larger error than was asked for.
     pub(super) fn unmet(&self, film: &FilmBuffer) -> Option<String> {
-        let low_enough = self.low_enough?;
+        let asked = self.low_enough? / LOW_ENOUGH;
         let tiles = film.tile_count();
-        let unmet = |&i: &u32| film.error(i).is_none_or(|error| error.worst.sqrt() > low_enough);
+        let unmet = |&i: &u32| film.error(i).is_none_or(|error| error.worst.sqrt() > asked);
         let count = (0..tiles).filter(unmet).count();
         let share = count as f64 / f64::from(tiles) * 100.0;
         let spp = self.spp;
         (count > 0).then(|| {
-            format!("{count} regions ({share:.1} %) are noisier than asked for at {spp} samples per pixel; --spp lets them have more")
+            let regions = if count == 1 { "region is" } else { "regions are" };
+            format!("{count} {regions} noisier than asked for ({share:.1} %) at {spp} samples per pixel; --spp lets them have more")
         })
     }
 

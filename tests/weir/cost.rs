@@ -35,7 +35,7 @@ const FLOOR: &str = "LookAt 0 3 -3  0 0 0  0 1 0\nCamera \"perspective\" \"float
 fn studied(text: &str, estimator: Estimator, budget_s: f64) -> CostStudy {
     let scene = crate::support::scene(text);
     let settings = RenderSettings { threads: Some(1), estimator, ..RenderSettings::default() };
-    let options = Options { settings, budget_s, target: 0.05, reference: None };
+    let options = Options { settings, budget_s, target: 0.05, reference: None, patience: f64::INFINITY };
     let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
     let Found { study, reference, .. } = study(&scene, &options, &control).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!([reference.width, reference.height], study.size);
@@ -93,7 +93,7 @@ fn what_few_samples_blur_is_no_bias() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/textures.pbrt");
     let scene = weir::scene::load(&path).unwrap_or_else(|e| panic!("{e}"));
     let settings = RenderSettings { threads: Some(1), size: Some((96, 64)), ..RenderSettings::default() };
-    let options = Options { settings, budget_s: 6.0, target: 0.05, reference: None };
+    let options = Options { settings, budget_s: 6.0, target: 0.05, reference: None, patience: f64::INFINITY };
     let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
     let Found { study, .. } = study(&scene, &options, &control).unwrap_or_else(|e| panic!("{e}"));
     for point in study.points.iter().filter(|p| p.knob == "samples") {

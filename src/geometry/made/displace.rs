@@ -4,7 +4,7 @@
 //! Invariant: vertices of one place stay at one place to the bit: where a texture's coordinates or normals begin anew,
 //! all versions of the vertex move by the mean of what each would move by. Never moves a vertex by what is no number.
 
-use super::refine::{MAX_TRIANGLES, Refined, too_many};
+use super::refine::{Refined, too_many};
 use super::seams::{self, Groups};
 use super::view::{Seen, View};
 use super::{MadeMesh, Place};
@@ -29,6 +29,8 @@ pub(super) struct Displacement<'a> {
     pub(super) texture: TextureId,
     pub(super) edge_length: Option<f32>,
     pub(super) textures: &'a Textures,
+    /// Triangles that may be made.
+    pub(super) most: usize,
 }
 
 impl Displacement<'_> {
@@ -89,15 +91,15 @@ impl Displacement<'_> {
         let areas: f64 = mesh.triangles.iter().map(area).sum();
         // No triangle of such edges is larger than the equilateral one: what cannot be is said before it is tried.
         let at_least = areas / (0.25 * 3f64.sqrt() * most * most);
-        if at_least > MAX_TRIANGLES as f64 {
-            return Err(too_many(Some(at_least)));
+        if at_least > self.most as f64 {
+            return Err(too_many(Some(at_least), self.most));
         }
         let splits = |p: Vec3, q: Vec3| {
             let (p, q) = (to_world(p), to_world(q));
             let length = p.distance(q);
             length.is_finite() && length > least && (length > most || seen.edge(p, q) > 1.0)
         };
-        mesh.divide(MAX_TRIANGLES, splits, stop)
+        mesh.divide(self.most, splits, stop)
     }
 
     pub(super) fn displace(&self, mesh: Refined, place: &Place<'_>) -> MadeMesh {

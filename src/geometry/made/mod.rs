@@ -26,6 +26,19 @@ pub struct Making<'a> {
     pub view: &'a View,
     /// For displacement; there where something is displaced.
     pub textures: Option<&'a Textures>,
+    /// Bytes that geometry may take, where there is a bound.
+    pub room: Option<u64>,
+}
+
+/// Bytes of a triangle that is made, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
+const TRIANGLE_BYTES: u64 = 80;
+
+impl Making<'_> {
+    /// Triangles that there is room for.
+    fn most_triangles(&self) -> usize {
+        let fits = self.room.map_or(u64::MAX, |room| room / TRIANGLE_BYTES);
+        usize::try_from(fits).unwrap_or(usize::MAX).min(MAX_TRIANGLES)
+    }
 }
 
 /// Where a shape is in the world.
@@ -70,7 +83,8 @@ pub(super) fn make(
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
             let textures = making.textures.expect("who loads a displaced mesh has its texture");
-            let moved = displace::Displacement { texture: *texture, edge_length: *edge_length, textures };
+            let (texture, edge_length, most) = (*texture, *edge_length, making.most_triangles());
+            let moved = displace::Displacement { texture, edge_length, textures, most };
             moved.apply(base, &place, making.view, stop).map_err(placed)?
         }
     })

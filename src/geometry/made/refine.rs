@@ -54,7 +54,7 @@ impl Refined {
                 |i: usize| -> usize { 1 + middles[3 * i..3 * i + 3].iter().filter(|&&m| m != WHOLE).count() };
             let made: usize = (0..active.len()).into_par_iter().map(parts).sum();
             if self.triangles.len() + made > most {
-                return Err(too_many(None));
+                return Err(too_many(None, most));
             }
             let (ready, divided): (Vec<_>, Vec<_>) =
                 (0..active.len()).into_par_iter().partition(|&i| parts(i) == 1);
@@ -100,7 +100,7 @@ impl Refined {
             same.iter().for_each(|(_, slot)| middles[*slot as usize] = vertex);
         }
         if first + keys.len() > WHOLE as usize {
-            return Err(too_many(None));
+            return Err(too_many(None, MAX_TRIANGLES));
         }
         let Self { positions, normals, uvs, seams, links, .. } = self;
         let both = |column: &[[f32; 3]], [a, b]: [u32; 2]| {
@@ -179,11 +179,12 @@ fn cut([a, b, c]: [u32; 3], middles: [u32; 3], at: impl Fn(u32) -> Vec3, out: &m
     }
 }
 
-/// More than `at_least`, if it is known.
-pub(super) fn too_many(at_least: Option<f64>) -> Error {
+/// More than `most`: `at_least`, if that is known.
+pub(super) fn too_many(at_least: Option<f64>, most: usize) -> Error {
     let wanted = at_least.map_or_else(String::new, |n| format!(" ({n:.0} at least)"));
+    let room = if most < MAX_TRIANGLES { ", as many as there is memory for" } else { "" };
     Error::Resource(format!(
-        "its displacement makes more than {MAX_TRIANGLES} triangles{wanted}; a longer edge, by \
+        "its displacement makes more than {most} triangles{room}{wanted}; a longer edge, by \
          \"displacement.edgelength\" or --tessellation, makes fewer"
     ))
 }

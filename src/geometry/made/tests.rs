@@ -3,7 +3,7 @@
 //! Invariant: shapes are told apart by the bits of their positions, as a ray tells them apart.
 
 use super::displace::Displacement;
-use super::refine::Refined;
+use super::refine::{MAX_TRIANGLES, Refined};
 use super::seams::{self, Seam};
 use super::view::{Seen, View};
 use super::{Place, curves};
@@ -46,7 +46,7 @@ fn view(distance: f64, pixels: u32, edge: f32) -> View {
 
 fn displaced(base: TriangleMesh, node: Texture, edge_length: Option<f32>, view: &View) -> TriangleMesh {
     let textures = textures(node);
-    let what = Displacement { texture: TextureId(0), edge_length, textures: &textures };
+    let what = Displacement { texture: TextureId(0), edge_length, textures: &textures, most: MAX_TRIANGLES };
     what.apply(base, &AT_HOME, view, &|| false).unwrap_or_else(|e| panic!("{e}")).mesh
 }
 
@@ -92,7 +92,12 @@ fn a_plane_moved_by_a_slope_is_the_sloping_plane() {
 #[test]
 fn values_that_are_no_numbers_move_nothing() {
     let textures = textures(Texture::Constant(Rgb::splat(f32::NAN)));
-    let what = Displacement { texture: TextureId(0), edge_length: Some(0.3), textures: &textures };
+    let what = Displacement {
+        texture: TextureId(0),
+        edge_length: Some(0.3),
+        textures: &textures,
+        most: MAX_TRIANGLES,
+    };
     let made = what.apply(square(), &AT_HOME, &view(3.0, 10, 2.0), &|| false).expect("sound");
     assert_eq!(made.not_numbers, made.mesh.positions.len() as u64);
     assert!(made.mesh.positions.iter().all(|p| p[2] == 0.0));
@@ -191,7 +196,8 @@ fn a_closed_mesh_stays_closed_at_seams_and_between_rates() {
 #[test]
 fn without_seams_it_opens() {
     let textures = textures(slope());
-    let what = Displacement { texture: TextureId(0), edge_length: None, textures: &textures };
+    let what =
+        Displacement { texture: TextureId(0), edge_length: None, textures: &textures, most: MAX_TRIANGLES };
     let TriangleMesh { positions, normals, uvs, indices: triangles, .. } = globe(12, 6);
     let refined = Refined { positions, normals, uvs, triangles, ..Refined::default() };
     let refined = what.divide(refined, &AT_HOME, &view(1.3, 200, 2.0), &|| false).expect("sound");
@@ -244,7 +250,12 @@ fn it_depends_on_no_thread_and_on_no_order() {
 #[test]
 fn what_would_be_too_many_is_refused_before_it_is_made() {
     let textures = textures(slope());
-    let what = Displacement { texture: TextureId(0), edge_length: Some(1e-5), textures: &textures };
+    let what = Displacement {
+        texture: TextureId(0),
+        edge_length: Some(1e-5),
+        textures: &textures,
+        most: MAX_TRIANGLES,
+    };
     let Err(Error::Resource(line)) = what.apply(square(), &AT_HOME, &view(3.0, 10, 2.0), &|| false) else {
         panic!("2·10¹⁰ triangles were made")
     };

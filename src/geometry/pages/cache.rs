@@ -24,10 +24,6 @@ use std::time::{Duration, Instant};
 const COMPARED: usize = 16;
 /// Parts of a cache's turnover that its time tells apart: pages that were used within one are alike.
 const AGES: usize = 16;
-/// Pages that go under one lock when the cache shrinks.
-const GO_TOGETHER: usize = 32;
-/// Looks at whether a page that must go is nobody's yet, some 50 ms in all; then what is in use stays.
-const PATIENCE: u32 = 1000;
 
 /// A page's place in the table.
 struct Entry {
@@ -37,38 +33,38 @@ struct Entry {
 }
 
 /// What happens when pages come and go.
-struct Comings {
+pub(super) struct Comings {
     loading: HashMap<u64, Arc<Promise<Arc<Slot>>>, KeyBuildHasher>,
     /// Pages in the table.
     resident: Vec<u32>,
     /// Gone from the table, and perhaps still looked at.
     gone: Vec<Arc<Slot>>,
-    slots: Slots,
+    pub(super) slots: Slots,
     /// Makes what is drawn.
     random: u64,
-    reads: u64,
+    pub(super) reads: u64,
     /// Reads in a unit of the cache's time.
-    unit: u64,
+    pub(super) unit: u64,
 }
 
 /// Reads in a unit of the time of a cache with room for so many pages.
-fn unit_of(room: usize) -> u64 {
+pub(super) fn unit_of(room: usize) -> u64 {
     (room / AGES).max(1) as u64
 }
 
 /// The pages of a scene that are in memory.
 pub(super) struct PageCache {
     entries: Box<[Entry]>,
-    budget: AtomicU64,
+    pub(super) budget: AtomicU64,
     /// The cache's time.
     now: AtomicU32,
-    used: Gauge,
+    pub(super) used: Gauge,
     /// Most that was used.
-    peak: AtomicU64,
+    pub(super) peak: AtomicU64,
     /// Time spent reading, of all threads.
-    read_ns: AtomicU64,
-    comings: Mutex<Comings>,
-    references: References,
+    pub(super) read_ns: AtomicU64,
+    pub(super) comings: Mutex<Comings>,
+    pub(super) references: References,
     totals: Mutex<FileCounts>,
     /// Largest read buffer of a thread.
     scratch: AtomicU64,
@@ -115,80 +111,13 @@ impl PageCache {
     }
 
     /// Pages that fit in `budget` bytes, and are.
-    fn room_in(budget: u64, files: &PageFiles) -> usize {
+    pub(super) fn room_in(budget: u64, files: &PageFiles) -> usize {
         usize::try_from(budget / files.cost()).unwrap_or(usize::MAX).min(files.pages())
     }
 
     /// Bytes that pages may take.
     pub(super) fn budget(&self) -> u64 {
         self.budget.load(Ordering::Relaxed)
-    }
-
-    /// Bytes that pages have taken at most.
-    pub(super) fn peak(&self) -> u64 {
-        self.peak.load(Ordering::Relaxed)
-    }
-
-    /// Whether a page that comes makes another go.
-    pub(super) fn is_full(&self, files: &PageFiles) -> bool {
-        let slots = &self.comings().slots;
-        slots.limit() < files.pages() && slots.made() == slots.limit()
-    }
-
-    /// Pages that have come, and the seconds that threads spent reading them.
-    pub(super) fn read(&self) -> (u64, f64) {
-        (self.comings().reads, self.read_ns.load(Ordering::Relaxed) as f64 * 1e-9)
-    }
-
-    /// Pages that caches of so many bytes would have read again, so far.
-    pub(super) fn again(&self, sizes: &[u64]) -> Vec<f64> {
-        self.references.again(sizes)
-    }
-
-    /// Lets pages take `bytes` more.
-    pub(super) fn give(&self, bytes: u64, files: &PageFiles) {
-        let mut comings = self.comings();
-        let budget = self.budget() + bytes;
-        self.budget.store(budget, Ordering::Relaxed);
-        let room = Self::room_in(budget, files);
-        comings.slots.allow(room);
-        comings.unit = unit_of(room);
-    }
-
-    /// Takes up to `bytes` from pages, but leaves them `least`; how many bytes it were, which nobody uses any more.
-    pub(super) fn take(&self, bytes: u64, least: u64, files: &PageFiles) -> u64 {
-        let before = self.budget();
-        let mut comings = self.comings();
-        if !comings.slots.can_shrink() {
-            return 0;
-        }
-        let budget = before.saturating_sub(bytes).max(least.min(before));
-        comings.slots.allow(Self::room_in(budget, files));
-        for _ in 0..PATIENCE {
-            for _ in 0..GO_TOGETHER {
-                if comings.slots.made() <= comings.slots.limit() {
-                    break;
-                }
-                let Some(slot) = self.evict(&mut comings, files) else { break };
-                comings.slots.drop(slot);
-                self.used.fetch_sub(files.cost(), Ordering::Relaxed);
-            }
-            if comings.slots.made() <= comings.slots.limit() {
-                break;
-            }
-            // Others may look and read meanwhile.
-            drop(comings);
-            std::thread::sleep(Duration::from_micros(50));
-            comings = self.comings();
-        }
-        // What could not go stays allowed.
-        let made = comings.slots.made();
-        let budget = budget.max((made as u64 * files.cost()).min(before));
-        let room = Self::room_in(budget, files);
-        comings.slots.allow(room);
-        comings.unit = unit_of(room);
-        self.budget.store(budget, Ordering::Relaxed);
-        before - budget
     }
 
     /// Bytes that pages take now, for whoever watches.
@@ -201,7 +130,7 @@ impl PageCache {
         lock(&self.failures).iter().map(|(_, line)| line.clone()).collect()
     }
 
-    fn comings(&self) -> MutexGuard<'_, Comings> {
+    pub(super) fn comings(&self) -> MutexGuard<'_, Comings> {
         lock(&self.comings)
     }
 
@@ -343,7 +272,7 @@ impl PageCache {
     }
 
     /// Takes old pages out until one of them is nobody's; `None` when all are in use.
-    fn evict(&self, comings: &mut Comings, files: &PageFiles) -> Option<Slot> {
+    pub(super) fn evict(&self, comings: &mut Comings, files: &PageFiles) -> Option<Slot> {
         let unused = |slot: &Arc<Slot>| Arc::strong_count(slot) == 1;
         if let Some(at) = comings.gone.iter().position(unused) {
             // Nobody can begin to look at what is in no table.

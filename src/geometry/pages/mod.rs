@@ -18,6 +18,7 @@ mod make;
 mod memory;
 mod residents;
 mod scratch;
+mod share;
 mod slots;
 mod sort;
 mod store;

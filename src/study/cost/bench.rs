@@ -29,6 +29,8 @@ pub(super) struct Bench<'a, 'c> {
     pub(super) seed: u64,
     /// Mean luminance of the renders of the scene's own settings that others are compared with.
     pub(super) light: Vec<f64>,
+    /// Past so many seconds nothing new is begun.
+    pub(super) latest_s: f64,
 }
 
 /// Texture footprints shrink with the number of samples down to this one's: all renders have those of long ones, or what
@@ -42,9 +44,6 @@ const CHECK: u64 = 1 << 33;
 
 /// Seconds from which on processor time is told well enough: some ticks of a system's clock.
 const TOLD_S: f64 = 0.05;
-
-/// Past so much of its time nothing new is begun.
-const LATE: f64 = 1.1;
 
 impl Bench<'_, '_> {
     fn phase(&self, name: &'static str) -> Result<()> {
@@ -186,7 +185,7 @@ impl Bench<'_, '_> {
         truth: &Truth,
         plan: &Plan,
     ) -> Result<()> {
-        if variant.knob != SAMPLES && self.start.elapsed().as_secs_f64() > LATE * self.study.budget_s {
+        if variant.knob != SAMPLES && self.start.elapsed().as_secs_f64() > self.latest_s {
             let knob = format!("{} {}", variant.knob, variant.value);
             let because = "no time was left; a larger --budget would do".to_owned();
             self.study.left_out.insert(0, LeftOut { knob, because });

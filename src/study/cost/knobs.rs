@@ -87,13 +87,13 @@ pub(super) fn missing() -> Vec<LeftOut> {
     [
         ("light selection", "Weir has one for few lights and one for many, and takes the right one"),
         ("mip bias", "Weir has none"),
-        ("tessellation rate", "Weir tessellates nothing while rendering"),
+        ("tessellation rate", "--tessellation is not turned yet"),
         ("precision", "Weir intersects in f32 with f64 where signs decide, and has nothing else"),
         ("texel depth", "Weir keeps texels as their files have them"),
         ("denoising", "Weir has none"),
         (
             "noise threshold",
-            "--noise chooses samples pixel by pixel; docs/noise.md has what it asks and keeps",
+            "--noise chooses samples region by region; docs/noise.md has what it asks and keeps",
         ),
     ]
     .map(|(knob, because)| LeftOut { knob: knob.to_owned(), because: because.to_owned() })

@@ -40,7 +40,12 @@ pub struct Options {
     pub target: f64,
     /// An image to hold errors against, in place of one that is rendered.
     pub reference: Option<PathBuf>,
+    /// Past so many times the seconds nothing new is begun.
+    pub patience: f64,
 }
+
+/// [`Options::patience`] that a person has.
+pub const PATIENCE: f64 = 1.1;
 
 /// What was found, and images for a page.
 pub struct Found {
@@ -90,6 +95,7 @@ pub fn study(scene: &SceneDescription, options: &Options, control: &Control<'_>)
         pictures: Vec::new(),
         seed: own.seed.unwrap_or(scene.seed),
         light: Vec::new(),
+        latest_s: options.budget_s * options.patience,
     };
     let all = variants(scene, &own);
     let (truth, plan, like) = with_frames(scene, &own, control, |frames| {

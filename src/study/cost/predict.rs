@@ -7,9 +7,9 @@ use super::plan::Plan;
 use super::{SAMPLES, own, spread};
 use crate::report::cost::{AtTarget, CostStudy, Point, Spread};
 
-/// The line through the logarithms of what was measured at several sample counts: noise at any. Beyond the last of them
-/// variance falls with the number of samples at least, as it must in the end, however slowly the errors that are
-/// left after the largest fall before.
+/// The line through the logarithms of what was measured at several sample counts, powers of two: noise at any. Beyond the
+/// last of them variance falls with the number of samples at least, as it must in the end, however slowly the errors
+/// that are left after the largest fall before.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     /// Logarithm of the variance at one sample, and minus its slope.
@@ -18,6 +18,9 @@ struct Line {
     /// The last count.
     last: f64,
 }
+
+/// Leading binary digits that a count is advised with: others cost more than they save.
+const DIGITS: u32 = 4;
 
 impl Line {
     /// Through the points of `knob`; `None` where none of them has noise.
@@ -37,23 +40,39 @@ impl Line {
         Some(Self { at_one: y + slope * x, slope, last })
     }
 
-    /// Square of the noise at `spp` samples.
-    fn noise(&self, spp: f64) -> f64 {
+    /// Square of the noise at `spp` samples, a power of two.
+    fn on_line(&self, spp: f64) -> f64 {
         let within = spp.min(self.last);
         let beyond = (spp / within).ln() * self.slope.max(1.0);
         (self.at_one - self.slope * within.ln() - beyond).exp()
     }
 
-    /// Samples until the square of the noise is `room`; one at least.
+    /// Square of the noise at `spp` samples, whole ones. Points of a Sobol sequence fill each other's gaps in powers of two, and
+    /// what is between is a mean of such sets of points, one for each binary digit, which are taken to know nothing of each other.
+    fn noise(&self, spp: f64) -> f64 {
+        // Far more than anybody takes.
+        let count = spp.clamp(1.0, 2f64.powi(52)) as u64;
+        let sets = (0..u64::BITS).filter(|digit| count >> digit & 1 == 1).map(|digit| (1u64 << digit) as f64);
+        sets.map(|set| (set / count as f64).powi(2) * self.on_line(set)).sum()
+    }
+
+    /// Samples at which the square of the noise is no more than `room`: whole ones, the fewest of those with few binary digits.
     fn samples(&self, room: f64) -> f64 {
-        let over = self.noise(self.last) / room;
+        let over = self.on_line(self.last) / room;
         let slope = if over > 1.0 { self.slope.max(1.0) } else { self.slope };
-        (self.last * over.powf(1.0 / slope)).max(1.0)
+        // No more for rounding.
+        let least = (self.last * over.powf(1.0 / slope) * (1.0 - 1e-9)).clamp(1.0, 2f64.powi(50)).ceil();
+        let power = 2f64.powi((least as u64).ilog2() as i32);
+        let step = (power / f64::from(1 << (DIGITS - 1))).max(1.0);
+        let first = (least / step).ceil() * step;
+        let candidates = (0..2 << DIGITS).map(|i| first + f64::from(i) * step);
+        let enough = |spp: &f64| self.noise(*spp) <= room * (1.0 + 1e-9);
+        candidates.take_while(|&spp| spp < 2.0 * power).find(enough).unwrap_or(2.0 * power)
     }
 
     /// Moved so that it goes through `noise` squared at `spp`.
     fn through(self, spp: f64, noise: f64) -> Self {
-        Self { at_one: self.at_one + (noise / self.noise(spp)).ln(), ..self }
+        Self { at_one: self.at_one + (noise / self.on_line(spp)).ln(), ..self }
     }
 }
 
@@ -76,7 +95,7 @@ fn line_of(study: &CostStudy, point: &Point, own: &Point) -> Option<Line> {
         // Nothing is random in the scene's own settings.
         return Some(Line { at_one: square.ln() + here.ln(), slope: 1.0, last: here });
     };
-    let here_now = square / own.noise.powi(2) * line.noise(here);
+    let here_now = square / own.noise.powi(2) * line.on_line(here);
     // Samples that know nothing of each other have a slope of one at most.
     let independent = point.options.contains("--sampler independent");
     let slope = if independent { line.slope.min(1.0) } else { line.slope };
@@ -113,8 +132,6 @@ pub(super) fn predict(study: &mut CostStudy, plan: &Plan) {
         let room = target - bias_of(point, &own).powi(2);
         let at = (room > 0.0).then(|| {
             let spp = line.map_or(1.0, |line| line.samples(room));
-            // Whole ones, and no more for rounding.
-            let spp = (spp * (1.0 - 1e-9)).ceil();
             AtTarget { spp, seconds: spp * seconds_of_sample(study, point, plan) * plan.scale }
         });
         let better = |q: &Point| {
@@ -208,14 +225,21 @@ mod tests {
         ]);
         assert!((study.slope - 1.5).abs() < 1e-9, "{}", study.slope);
         let at = study.points[1].at_target.expect("no bias");
-        let expected = (16.0 * ((first * first / 8.0) / 1e-4f64).powf(1.0 / 1.5)).ceil();
+        // Of variance at n samples: that of each binary digit's set of them, weighted.
+        let line = |n: f64| first * first * 8.0 * n.powf(-1.5);
+        let variance = |n: u32| -> f64 {
+            let sets = (0..32).filter(|d| n >> d & 1 == 1).map(|d| f64::from(1u32 << d));
+            sets.map(|set| (set / f64::from(n)).powi(2) * line(set)).sum()
+        };
+        let few = |n: &u32| n >> (n.ilog2().saturating_sub(3)) << (n.ilog2().saturating_sub(3)) == *n;
+        let expected = f64::from((1..1 << 16).filter(few).find(|&n| variance(n) <= 1e-4).expect("some do"));
         assert!(
             (at.spp / expected - 1.0).abs() < 1e-9
                 && (at.seconds / (at.spp * 0.025 * 4.0) - 1.0).abs() < 1e-9
         );
         assert!(study.points[2].at_target.is_none(), "its bias is twice the target");
         let (spp, error, _) = checkable(&study, 1, &plan, 1e9).expect("a point");
-        assert!((error / 0.01 - 1.0).abs() < 1e-2 && f64::from(spp) >= at.spp);
+        assert!((error / variance(spp).sqrt() - 1.0).abs() < 1e-9 && f64::from(spp) == at.spp);
         let text = sentences(&study, 1, &plan).join("\n");
         assert!(text.contains("Never 1.0 %: depth 2 (2.0 % stay)."), "{text}");
         assert!(text.starts_with("For 1.0 % error this scene needs"), "{text}");
@@ -230,9 +254,9 @@ mod tests {
             point("roulette", "off", 16, 0.0, 0.0, 0.8),
         ]);
         let spp: Vec<f64> = study.points.iter().filter_map(|p| p.at_target).map(|at| at.spp).collect();
-        // 10 % at 16 samples, of a variance that falls as their number rises.
+        // 10 % at 16 samples, of a variance that falls as their number rises: 1600, in four binary digits.
         assert_eq!(spp[0..2], [1.0, 1.0]);
-        assert!((spp[2] - 1600.0).abs() < 1e-6 && spp[3] == 1.0, "{spp:?}");
+        assert!((spp[2] - 1664.0).abs() < 1e-6 && spp[3] == 1.0, "{spp:?}");
         assert!(study.points.iter().all(|p| p.over_own.is_some_and(f64::is_finite)), "{study:?}");
     }
 

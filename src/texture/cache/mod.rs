@@ -1,14 +1,14 @@
 //! Tiles of textures inside a number of bytes: a sharded least-recently-used cache shared by
 //! all threads, and before it a few tiles that each thread holds for itself ([`ThreadCache`]).
 //!
-//! Invariants: the bytes of all tiles, those being read and those that a thread still holds
-//! included, never exceed the budget, not for a moment: room is reserved before it is allocated.
-//! No lock is held while a file is read. Of threads that miss the same tile together one reads and
+//! Invariants: the bytes of all tiles, those being read and those that a thread still holds included,
+//! never exceed the budget, not for a moment: room is reserved before it is allocated. No lock is held while a file is read. Of threads that miss the same tile together one reads and
 //! the others wait. Never interprets a texel.
 
 mod counters;
 mod curve;
 mod shard;
+mod share;
 mod source;
 mod thread;
 mod tile;
@@ -17,6 +17,7 @@ pub use counters::FileCounts;
 pub use source::TileSource;
 pub use thread::ThreadCache;
 pub use tile::least_budget;
+pub(crate) use tile::nanoseconds;
 
 use crate::error::{Error, Result};
 use crate::permits::{self, lock};
@@ -67,6 +68,8 @@ pub struct TileCache {
     left: AtomicU64,
     /// Two tiles a thread: what must be free of levels that stay.
     least: u64,
+    /// What threads hold at most, with what each reads.
+    hands: u64,
     thread_tiles: usize,
     latency: Duration,
     files: Vec<CachedFile>,
@@ -130,16 +133,18 @@ impl TileCache {
         }
         let shards = (options.budget / (largest * TILES_PER_SHARD)).clamp(1, MAX_SHARDS as u64) as usize;
         let shards = 1usize << shards.ilog2();
-        // A quarter of the budget at most is in threads' hands, a sixteenth in levels that stay; what
-        // threads hold and read always fits beside that.
+        // A quarter of what there is at first at most is in threads' hands, a sixteenth in levels that stay; what
+        // threads hold and read always fits beside that, and `take` leaves it.
         let thread_tiles = (options.budget / (4 * threads * largest))
             .saturating_sub(1)
             .clamp(1, options.thread_tiles.max(1) as u64);
+        let thread_tiles = 1 << thread_tiles.ilog2();
         Ok(Self {
             budget: AtomicU64::new(options.budget),
             left: AtomicU64::new(options.budget),
             least,
-            thread_tiles: 1 << thread_tiles.ilog2(),
+            hands: threads * (thread_tiles as u64 + 1) * largest,
+            thread_tiles,
             latency: options.latency,
             totals: Mutex::new(FileCounts::new(files.len())),
             files,
@@ -169,36 +174,6 @@ impl TileCache {
     #[must_use]
     pub fn budget(&self) -> u64 {
         self.budget.load(Ordering::Relaxed)
-    }
-
-    /// Lets tiles take `bytes` more.
-    pub fn give(&self, bytes: u64) {
-        self.budget.fetch_add(bytes, Ordering::Relaxed);
-        self.left.fetch_add(bytes, Ordering::Relaxed);
-    }
-
-    /// Takes up to `bytes` of what no tile takes; how many it were. Memory of tiles that go is not the system's
-    /// again, only other tiles', so that none is made to go.
-    #[must_use]
-    pub fn take(&self, bytes: u64) -> u64 {
-        let less = |left: u64| Some(left - left.min(bytes));
-        let taken = match self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less) {
-            Ok(before) | Err(before) => before.min(bytes),
-        };
-        self.budget.fetch_sub(taken, Ordering::Relaxed);
-        taken
-    }
-
-    /// Bytes that no tile takes.
-    #[must_use]
-    pub fn left(&self) -> u64 {
-        self.left.load(Ordering::Relaxed)
-    }
-
-    /// Tiles that have been read, and the seconds that threads spent on it.
-    #[must_use]
-    pub fn read(&self) -> (u64, f64) {
-        (self.clock.load(Ordering::Relaxed), self.read_ns.load(Ordering::Relaxed) as f64 * 1e-9)
     }
 
     /// Whether no tile ever has to go to make room for another.
@@ -419,11 +394,6 @@ impl TileCache {
     fn is_sampled(&self, key: u64) -> bool {
         self.references.follow(key) && (key as u32) < self.files[(key >> 32) as usize].alone
     }
-}
-
-/// Since then.
-pub(crate) fn nanoseconds(since: Instant) -> u64 {
-    u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]

@@ -258,6 +258,32 @@ fn what_no_tile_takes_can_be_taken_and_given() {
     assert_eq!(cache.read().0, 40);
 }
 
+/// Whatever is taken before any tile is read, threads can read all of them afterwards.
+#[test]
+fn what_threads_need_is_never_taken() {
+    for (tiles, threads) in [(40u64, 2), (9, 3), (300, 2)] {
+        let cache = cache((0..3).map(|_| numbers(4096)).collect(), tiles * one(4096), threads);
+        // Levels that stay have grown in a larger budget.
+        cache.give(100 * one(4096));
+        let mut thread: ThreadCache = ThreadCache::new(&cache);
+        (0..3).for_each(|file| assert!(!thread.tile(&cache, file, 84).is_empty()));
+        thread.finish(&cache);
+        assert!(cache.take(u64::MAX) > 0);
+        assert_eq!(cache.take(u64::MAX), 0, "nothing is left to take");
+        std::thread::scope(|scope| {
+            for t in 0..threads as u64 {
+                let cache = &cache;
+                scope.spawn(move || {
+                    let mut thread: ThreadCache = ThreadCache::new(cache);
+                    walk(t, 3000, |file, tile| assert_eq!(thread.tile(cache, file, tile)[7], texel(tile, 7)));
+                    thread.finish(cache);
+                });
+            }
+        });
+        assert!(cache.peak() <= (tiles + 100) * one(4096));
+    }
+}
+
 #[test]
 fn a_reader_that_panics_leaves_nobody_waiting() {
     struct Panics(AtomicBool);
