@@ -223,3 +223,24 @@ fn stamp(path: &Path) -> Option<(u64, Option<u128>)> {
     let changed = there.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
     Some((there.len(), changed.map(|time| time.as_nanos())))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::beside;
+    use std::path::{Path, PathBuf};
+
+    #[test]
+    fn a_directory_is_no_part_of_a_number() {
+        for (scene, image, number) in [
+            ("./a.pbrt", "./t.png", "1.25"),
+            ("3/a.pbrt", "3/t.png", "0.312"),
+            ("/tmp/x/a.pbrt", "/tmp/x/t.png", "1"),
+            ("a.pbrt", "t.png", "2"),
+        ] {
+            let what = (PathBuf::from(image), number.parse::<f32>().expect("a number"));
+            let text = format!("{what:?}");
+            let text = beside(Path::new(scene)).map_or(text.clone(), |beside| text.replace(&beside, "\""));
+            assert_eq!(text, format!("(\"t.png\", {:?})", what.1), "{scene}");
+        }
+    }
+}

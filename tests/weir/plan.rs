@@ -236,7 +236,7 @@ fn a_render_goes_as_planned() {
         (None, Schedule::Voxel, None, "sorted"),
         (Some(2 * whole), Schedule::Auto, None, "depth"),
         (Some(whole / 3), Schedule::Auto, None, "depth"),
-        (Some(whole / 20), Schedule::Auto, None, "voxel"),
+        (Some(whole / 18), Schedule::Auto, None, "voxel"),
         (Some(whole / 3), Schedule::Voxel, None, "voxel"),
         (Some(whole / 3), Schedule::Depth, None, "depth"),
         (Some(whole / 3), Schedule::Auto, Some(600.0), "depth"),

@@ -142,6 +142,7 @@ fn parts_that_are_given_are_kept() {
         texture_memory: Some(3 << 20),
         geometry_memory: Some(8 << 20),
         ray_memory: Some(9 << 20),
+        schedule: Schedule::Voxel,
         ..settings(folder.path())
     };
     let stats = outcome(&scene, &settings).unwrap_or_else(|e| panic!("{e}")).stats;

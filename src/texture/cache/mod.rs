@@ -2,8 +2,8 @@
 //! all threads, and before it a few tiles that each thread holds for itself ([`ThreadCache`]).
 //!
 //! Invariants: the bytes of all tiles, those being read and those that a thread still holds included,
-//! never exceed the budget, not for a moment: room is reserved before it is allocated. No lock is held while a file is read. Of threads that miss the same tile together one reads and
-//! the others wait. Never interprets a texel.
+//! never exceed the budget, not for a moment: room is reserved before it is allocated. No lock is held while
+//! a file is read. Of threads that miss one tile together one reads and the others wait. Never interprets a texel.
 
 mod counters;
 mod curve;
