@@ -9,6 +9,7 @@ mod identity;
 mod job;
 mod keeper;
 mod load;
+mod meanwhile;
 pub(crate) mod plan;
 mod rounds;
 pub(crate) mod stage;

@@ -14,6 +14,9 @@ pub enum Backend {
 }
 
 impl Backend {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Embree, Self::Native];
+
     /// What it is called on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -37,6 +40,21 @@ pub enum Estimator {
     Scattering,
 }
 
+impl Estimator {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Both, Self::Lights, Self::Scattering];
+
+    /// What it is called on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Both => "both",
+            Self::Lights => "lights",
+            Self::Scattering => "scattering",
+        }
+    }
+}
+
 /// Where random numbers come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Sampler {
@@ -45,6 +63,20 @@ pub enum Sampler {
     Sobol,
     /// Samples that know nothing of each other; here so that the other can be held against it.
     Independent,
+}
+
+impl Sampler {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Sobol, Self::Independent];
+
+    /// What it is called on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sobol => "sobol",
+            Self::Independent => "independent",
+        }
+    }
 }
 
 /// Filter of an image texture between texels and levels. Scenes say which; here because a person
@@ -64,6 +96,23 @@ pub enum TextureFilter {
     Stochastic,
 }
 
+impl TextureFilter {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Point, Self::Bilinear, Self::Trilinear, Self::Ewa, Self::Stochastic];
+
+    /// What it is called on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Point => "point",
+            Self::Bilinear => "bilinear",
+            Self::Trilinear => "trilinear",
+            Self::Ewa => "ewa",
+            Self::Stochastic => "stochastic",
+        }
+    }
+}
+
 /// What decides which rays run next. The picture is the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Schedule {
@@ -79,6 +128,9 @@ pub enum Schedule {
 }
 
 impl Schedule {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Auto, Self::Depth, Self::Sorted, Self::Voxel];
+
     /// What it is called on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {

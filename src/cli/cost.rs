@@ -1,6 +1,5 @@
 //! `weir cost`: what accuracy costs in time, for every knob that trades one for the other.
 
-use crate::cli::options::BackendName;
 use crate::cli::progress::Bar;
 use crate::cli::render::note_warnings;
 use crate::cli::{End, check_apart, check_not_input, interrupt, print, values};
@@ -11,7 +10,7 @@ use weir::film::replace::{check_replaceable, replace_with_bytes};
 use weir::render::Control;
 use weir::report::cost::{cost_page, write_cost};
 use weir::scene;
-use weir::settings::RenderSettings;
+use weir::settings::{Backend, RenderSettings};
 use weir::study::cost::{self, Found};
 
 const EXAMPLES: &str = "\
@@ -58,8 +57,8 @@ pub(crate) struct Options {
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     max_depth: Option<u32>,
     /// Traversal that the scene's own settings have
-    #[arg(long, value_name = "NAME")]
-    backend: Option<BackendName>,
+    #[arg(long, value_name = "NAME", value_parser = values::named(&Backend::ALL, Backend::name))]
+    backend: Option<Backend>,
     /// Seed of the first render
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -93,7 +92,7 @@ pub(crate) fn run(options: &Options) -> Result<End> {
     let settings = RenderSettings {
         size: options.size,
         max_depth: options.max_depth,
-        backend: options.backend.map_or_else(Default::default, BackendName::backend),
+        backend: options.backend.unwrap_or_default(),
         backend_named: options.backend.is_some(),
         seed: options.seed,
         threads: options.threads,

@@ -33,11 +33,11 @@ pub(super) struct SettingsOptions {
     #[arg(long, value_name = "on|off")]
     roulette: Option<Switch>,
     /// Random numbers: scrambled Sobol points, or samples that know nothing of each other (to compare)
-    #[arg(long, value_name = "NAME", default_value = "sobol")]
-    sampler: SamplerName,
+    #[arg(long, value_name = "NAME", default_value = "sobol", value_parser = values::named(&Sampler::ALL, Sampler::name))]
+    sampler: Sampler,
     /// Direct light: by light and BSDF sampling together, or by one alone (to compare)
-    #[arg(long, value_name = "NAME", default_value = "both")]
-    estimator: EstimatorName,
+    #[arg(long, value_name = "NAME", default_value = "both", value_parser = values::named(&Estimator::ALL, Estimator::name))]
+    estimator: Estimator,
     /// Seed of the random numbers
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -45,8 +45,8 @@ pub(super) struct SettingsOptions {
     #[arg(long, value_name = "N", value_parser = values::threads, allow_negative_numbers = true)]
     threads: Option<usize>,
     /// What traces rays: embree where it was built in, else native
-    #[arg(long, value_name = "NAME")]
-    backend: Option<BackendName>,
+    #[arg(long, value_name = "NAME", value_parser = values::named(&Backend::ALL, Backend::name))]
+    backend: Option<Backend>,
     /// Fewer rays slip between triangles; 15 to 30 % slower
     #[arg(long)]
     robust: bool,
@@ -64,8 +64,8 @@ pub(super) struct SettingsOptions {
     #[arg(long, value_name = "BYTES", default_value = "64K", value_parser = values::page_bytes, allow_negative_numbers = true)]
     page_size: u64,
     /// Which rays run next: auto chooses depth, but voxel where pages of geometry have room for less than a twelfth of them
-    #[arg(long, value_name = "NAME", default_value = "auto")]
-    schedule: ScheduleName,
+    #[arg(long, value_name = "NAME", default_value = "auto", value_parser = values::named(&Schedule::ALL, Schedule::name))]
+    schedule: Schedule,
     /// Bytes of paths in flight and their rays where they wait (schedules sorted and voxel); 256M if not given
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
     ray_memory: Option<u64>,
@@ -82,8 +82,8 @@ pub(super) struct SettingsOptions {
     #[arg(long, value_name = "N", value_parser = values::samples, allow_negative_numbers = true)]
     footprint_spp: Option<u32>,
     /// Filter of all image textures; else what the scene says. Alpha masks always read the finest level
-    #[arg(long, value_name = "NAME")]
-    texture_filter: Option<FilterName>,
+    #[arg(long, value_name = "NAME", value_parser = values::named(&TextureFilter::ALL, TextureFilter::name))]
+    texture_filter: Option<TextureFilter>,
     /// Pixels of an edge of what is displaced, at most; curves are drawn to an eighth of it. 2 if not given
     #[arg(long, value_name = "PIXELS", value_parser = values::edge_pixels, allow_negative_numbers = true)]
     tessellation: Option<f32>,
@@ -99,63 +99,6 @@ enum Switch {
     Off,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-pub(super) enum BackendName {
-    Embree,
-    Native,
-}
-
-impl BackendName {
-    pub(super) fn backend(self) -> Backend {
-        match self {
-            Self::Embree => Backend::Embree,
-            Self::Native => Backend::Native,
-        }
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum SamplerName {
-    Sobol,
-    Independent,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum EstimatorName {
-    Both,
-    Lights,
-    Scattering,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum ScheduleName {
-    Auto,
-    Depth,
-    Sorted,
-    Voxel,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum FilterName {
-    Point,
-    Bilinear,
-    Trilinear,
-    Ewa,
-    Stochastic,
-}
-
-impl FilterName {
-    fn filter(self) -> TextureFilter {
-        match self {
-            Self::Point => TextureFilter::Point,
-            Self::Bilinear => TextureFilter::Bilinear,
-            Self::Trilinear => TextureFilter::Trilinear,
-            Self::Ewa => TextureFilter::Ewa,
-            Self::Stochastic => TextureFilter::Stochastic,
-        }
-    }
-}
-
 impl SettingsOptions {
     /// Limit on the rendering time, in seconds.
     pub(super) fn time(&self) -> Option<f64> {
@@ -165,15 +108,8 @@ impl SettingsOptions {
     /// As the library takes them.
     pub(super) fn settings(&self) -> RenderSettings {
         RenderSettings {
-            estimator: match self.estimator {
-                EstimatorName::Both => Estimator::Both,
-                EstimatorName::Lights => Estimator::Lights,
-                EstimatorName::Scattering => Estimator::Scattering,
-            },
-            sampler: match self.sampler {
-                SamplerName::Sobol => Sampler::Sobol,
-                SamplerName::Independent => Sampler::Independent,
-            },
+            estimator: self.estimator,
+            sampler: self.sampler,
             footprint_spp: self.footprint_spp,
             noise: self.noise,
             checkpoint: None,
@@ -188,7 +124,7 @@ impl SettingsOptions {
                 // Embree cannot let go of a part of a scene.
                 None if self.geometry_memory.is_some() => Backend::Native,
                 None => Backend::default(),
-                Some(name) => name.backend(),
+                Some(named) => named,
             },
             backend_named: self.backend.is_some(),
             memory: self.memory,
@@ -198,18 +134,13 @@ impl SettingsOptions {
             texture_memory: self.texture_memory,
             geometry_memory: self.geometry_memory,
             page_bytes: Some(usize::try_from(self.page_size).unwrap_or(usize::MAX)),
-            schedule: match self.schedule {
-                ScheduleName::Auto => Schedule::Auto,
-                ScheduleName::Depth => Schedule::Depth,
-                ScheduleName::Sorted => Schedule::Sorted,
-                ScheduleName::Voxel => Schedule::Voxel,
-            },
+            schedule: self.schedule,
             ray_memory: self.ray_memory,
             voxels: self.voxels,
             texture_latency_seconds: self.texture_latency_ms * 1e-3,
             cache_dir: self.cache_dir.clone(),
             strict: false,
-            texture_filter: self.texture_filter.map(FilterName::filter),
+            texture_filter: self.texture_filter,
             tessellation: self.tessellation,
             force_effects: self.force_effects.clone(),
         }

@@ -1,9 +1,19 @@
 //! Values of options: sizes, times, windows. Each error says what would be right; clap puts the
 //! option's name before it.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::ops::RangeInclusive;
 use weir::geometry::pages::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
 use weir::prepare::EFFECTS;
+
+/// One of `all`, by the name that `name` gives it.
+pub(super) fn named<T: Copy + Send + Sync>(
+    all: &'static [T],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    let find = move |text: String| *all.iter().find(|one| name(**one) == text).expect("one of them");
+    PossibleValuesParser::new(all.iter().map(|one| name(*one))).map(find)
+}
 
 /// An effect by name, with underscores or hyphens, or `all`.
 pub(super) fn effect(text: &str) -> Result<String, String> {

@@ -52,8 +52,7 @@ impl FilmBuffer {
         let mut buffer = Self { crop, across, tiles: Vec::new(), keeps, abandoned };
         buffer.tiles = (0..across * down)
             .map(|i| {
-                let [x0, y0, x1, y1] = buffer.rectangle(i);
-                let pixels = ((x1 - x0) * (y1 - y0)) as usize;
+                let pixels = buffer.pixels(i) as usize;
                 let sums = vec![[0.0; 4]; pixels].into();
                 Mutex::new(Tile { sums, kept: Kept::new(keeps, pixels), passes: 0 })
             })
@@ -77,12 +76,14 @@ impl FilmBuffer {
     /// Pixels that no pass has reached.
     #[must_use]
     pub fn untouched_pixels(&self) -> u64 {
-        let pixels = |i: u32| {
-            let [x0, y0, x1, y1] = self.rectangle(i);
-            u64::from(x1 - x0) * u64::from(y1 - y0)
-        };
         let untouched = |i: &u32| self.progress(*i) == Progress::default();
-        (0..self.tile_count()).filter(untouched).map(pixels).sum()
+        (0..self.tile_count()).filter(untouched).map(|i| self.pixels(i)).sum()
+    }
+
+    /// Pixels of tile `i`.
+    pub(super) fn pixels(&self, i: u32) -> u64 {
+        let [x0, y0, x1, y1] = self.rectangle(i);
+        u64::from(x1 - x0) * u64::from(y1 - y0)
     }
 
     /// All tiles along a Z-order curve (Morton 1966), so that neighbours come soon after each other.
@@ -101,7 +102,7 @@ impl FilmBuffer {
         let mut tries = 0;
         loop {
             {
-                let mut tile = self.tiles[i as usize].lock().expect("no thread panics while it adds");
+                let mut tile = self.tile(i);
                 if tile.passes == pass {
                     if let Tile { kept: Some(kept), .. } = &mut *tile
                         && kept.take(cut, sums)

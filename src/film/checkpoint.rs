@@ -150,12 +150,8 @@ pub fn load(path: &Path, film: &FilmBuffer, identity: &[(String, String)]) -> Re
 
 /// Bytes of the longest checkpoint of `film`.
 fn most_bytes(film: &FilmBuffer) -> u64 {
-    let pixels = |i: u32| {
-        let [x0, y0, x1, y1] = film.rectangle(i);
-        u64::from(x1 - x0) * u64::from(y1 - y0)
-    };
     // The sums, the squares, and the sums of a cut pass; three words a tile.
-    let tiles: u64 = (0..film.tile_count()).map(|i| 12 + pixels(i) * (16 + 12 + 16)).sum();
+    let tiles: u64 = (0..film.tile_count()).map(|i| 12 + film.pixels(i) * (16 + 12 + 16)).sum();
     16 + MOST_HEAD_BYTES + tiles + 8
 }
 

@@ -11,8 +11,8 @@
 use super::FilmBuffer;
 use super::buffer::{TILE, Tile};
 
-/// What is added to the square of a value before it divides: that of `weir diff`.
-const REL_MSE_EPSILON: f64 = 0.01;
+/// ε of relMSE, in squared linear units: keeps black pixels of the reference from ruling the mean.
+pub const REL_MSE_EPSILON: f64 = 0.01;
 
 /// Passes that have a spread.
 pub const LEAST_PASSES: u32 = 2;

@@ -132,11 +132,9 @@ impl FilmBuffer {
     pub fn samples(&self, spp: u32) -> (u32, u32, u64) {
         let mut all = (u32::MAX, 0, 0);
         for i in 0..self.tile_count() {
-            let [x0, y0, x1, y1] = self.rectangle(i);
             // Where a cut pass is not kept apart it counts as a whole one.
             let samples = self.progress(i).samples().min(spp);
-            let pixels = u64::from(x1 - x0) * u64::from(y1 - y0);
-            all = (all.0.min(samples), all.1.max(samples), all.2 + pixels * u64::from(samples));
+            all = (all.0.min(samples), all.1.max(samples), all.2 + self.pixels(i) * u64::from(samples));
         }
         all
     }

@@ -12,7 +12,7 @@ pub mod write;
 
 pub use crate::replace;
 pub use buffer::{FilmBuffer, TILE};
-pub use error::{LEAST_PASSES, TileError};
+pub use error::{LEAST_PASSES, REL_MSE_EPSILON, TileError};
 pub use filter::FilterSampler;
 pub use image::Image;
 pub use kept::{Keeps, PASS, Progress};

@@ -90,53 +90,29 @@ pub trait Kernel: Debug + Pod + Send + Sync {
     }
 }
 
-/// See [`KernelName::Diffuse`].
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Zeroable, Pod)]
-pub struct Diffuse;
-/// See [`KernelName::Solid`].
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Zeroable, Pod)]
-pub struct Solid;
-/// See [`KernelName::Textured`].
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Zeroable, Pod)]
-pub struct Textured;
-/// See [`KernelName::General`].
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Zeroable, Pod)]
-pub struct General;
+/// A kernel for each name, with the parts of a path that it changes.
+macro_rules! kernels {
+    ($($name:ident: $cone:ty, $ratio:ty, $medium:ty, $travelled:ty;)*) => {$(
+        #[doc = concat!("See [`KernelName::", stringify!($name), "`].")]
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, Zeroable, Pod)]
+        pub struct $name;
 
-impl Kernel for Diffuse {
-    const NAME: KernelName = KernelName::Diffuse;
-    type Cone = Absent;
-    type Ratio = Absent;
-    type Medium = Absent;
-    type Travelled = Absent;
+        impl Kernel for $name {
+            const NAME: KernelName = KernelName::$name;
+            type Cone = $cone;
+            type Ratio = $ratio;
+            type Medium = $medium;
+            type Travelled = $travelled;
+        }
+    )*};
 }
 
-impl Kernel for Solid {
-    const NAME: KernelName = KernelName::Solid;
-    type Cone = Absent;
-    type Ratio = Kept<f32>;
-    type Medium = Absent;
-    type Travelled = Absent;
-}
-
-impl Kernel for Textured {
-    const NAME: KernelName = KernelName::Textured;
-    type Cone = Kept<Cone>;
-    type Ratio = Kept<f32>;
-    type Medium = Absent;
-    type Travelled = Absent;
-}
-
-impl Kernel for General {
-    const NAME: KernelName = KernelName::General;
-    type Cone = Kept<Cone>;
-    type Ratio = Kept<f32>;
-    type Medium = Kept<u32>;
-    type Travelled = Kept<f32>;
+kernels! {
+    Diffuse: Absent, Absent, Absent, Absent;
+    Solid: Absent, Kept<f32>, Absent, Absent;
+    Textured: Kept<Cone>, Kept<f32>, Absent, Absent;
+    General: Kept<Cone>, Kept<f32>, Kept<u32>, Kept<f32>;
 }
 
 /// Calls what it is given with the kernel of a name.

@@ -155,6 +155,14 @@ struct Parts<'a> {
 }
 
 impl Parts<'_> {
+    /// What rays that wait get of what is `free`, beyond their `least`.
+    fn more_rays(&self, free: u64, least: u64) -> u64 {
+        match self.settings.ray_memory {
+            Some(_) => 0,
+            None => (free / RAYS_SHARE).min(self.least.usual_rays().saturating_sub(least)),
+        }
+    }
+
     /// All geometry stays; textures get the rest. Else how much would do.
     fn resident(&self) -> std::result::Result<Division, u64> {
         let RenderSettings { schedule, geometry_memory, texture_memory, ray_memory, .. } = *self.settings;
@@ -180,11 +188,7 @@ impl Parts<'_> {
             return Err(needed);
         }
         let left = self.memory - beside;
-        let more_rays = if waiting && ray_memory.is_none() {
-            ((left - least) / RAYS_SHARE).min(self.least.usual_rays().saturating_sub(least_rays))
-        } else {
-            0
-        };
+        let more_rays = if waiting { self.more_rays(left - least, least_rays) } else { 0 };
         let left = left - more_rays;
         let textures = match texture_memory {
             Some(given) => given,
@@ -250,11 +254,7 @@ impl Parts<'_> {
         let Some(free) = self.memory.checked_sub(least).filter(|_| built <= self.memory) else {
             return Err(least.max(built));
         };
-        let rays = if waiting && ray_memory.is_none() {
-            (free / RAYS_SHARE).min(self.least.usual_rays().saturating_sub(least_rays))
-        } else {
-            0
-        };
+        let rays = if waiting { self.more_rays(free, least_rays) } else { 0 };
         let free = free - rays;
         // Textures begin with little: look-ups seldom need the finest levels of all that there are, and what they do need
         // they get while rendering, which is harder to take back from them than from geometry.

@@ -157,7 +157,7 @@ pub fn plan(
 }
 
 /// Shapes of the world and of its objects.
-fn all_shapes(scene: &SceneDescription) -> impl Iterator<Item = &Shape> {
+pub(crate) fn all_shapes(scene: &SceneDescription) -> impl Iterator<Item = &Shape> {
     scene.shapes.iter().chain(scene.objects.iter().flatten())
 }
 

@@ -4,11 +4,12 @@
 //! Invariant: what both may take together never grows; what one gives is nobody's before the other has it.
 //! Never changes the picture, and never takes what a person gave.
 
+use super::meanwhile::meanwhile;
 use crate::geometry::pages::PageStore;
 use crate::permits::lock;
 use crate::stats::MemoryMove;
 use crate::texture::cache::TileCache;
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Parts of the memory of both that are told apart.
@@ -33,12 +34,10 @@ pub(super) struct Balance<'a> {
     /// By part: what tiles could take, and what pages could.
     sizes: [Vec<u64>; 2],
     state: Mutex<State>,
-    end: Condvar,
 }
 
 #[derive(Default)]
 struct State {
-    ended: bool,
     looked: Duration,
     /// By part, tiles and pages: what would have been read again, all and of late.
     all: [Vec<f64>; 2],
@@ -64,34 +63,13 @@ impl<'a> Balance<'a> {
             start: Instant::now(),
             sizes: [of_tiles, of_pages],
             state: Mutex::default(),
-            end: Condvar::new(),
         }
     }
 
     /// Calls `work`, and looks now and then meanwhile. Where the system refuses a thread nothing is moved.
     pub(super) fn during<R>(&self, work: impl FnOnce() -> R) -> R {
-        std::thread::scope(|scope| {
-            let look = std::thread::Builder::new().name("balance".to_owned());
-            let looker = look.spawn_scoped(scope, || self.look_until_the_end());
-            let ender = EndOnDrop(self);
-            let result = work();
-            drop(ender);
-            drop(looker);
-            result
-        })
-    }
-
-    fn look_until_the_end(&self) {
-        let mut state = lock(&self.state);
-        loop {
-            let wait = (self.start.elapsed() / LOOKS).max(FIRST_LOOK);
-            let woken = self.end.wait_timeout_while(state, wait, |state| !state.ended);
-            state = woken.unwrap_or_else(PoisonError::into_inner).0;
-            if state.ended {
-                return;
-            }
-            self.look(&mut state);
-        }
+        let wait = || (self.start.elapsed() / LOOKS).max(FIRST_LOOK);
+        meanwhile("balance", wait, || self.look(&mut lock(&self.state)), work)
     }
 
     /// What was moved, and how many bytes less than the most of each both took together at any time.
@@ -187,16 +165,6 @@ fn way(seconds: &[f64], at: f64, late_s: f64) -> Option<(f64, f64)> {
     let saved = here - seconds[best];
     let is_worth = saved > here * WORTH_OF_READING && saved > late_s * WORTH_OF_TIME;
     is_worth.then_some((best as f64 - at, saved))
-}
-
-/// Ends the looking, also where the work panics.
-struct EndOnDrop<'a, 'b>(&'a Balance<'b>);
-
-impl Drop for EndOnDrop<'_, '_> {
-    fn drop(&mut self) {
-        lock(&self.0.state).ended = true;
-        self.0.end.notify_all();
-    }
 }
 
 #[cfg(test)]

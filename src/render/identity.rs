@@ -5,7 +5,7 @@
 //! it is in.
 
 use crate::scene::{Film, MeshSource, SceneDescription};
-use crate::settings::{Backend, Estimator, RenderSettings, Sampler};
+use crate::settings::{Backend, RenderSettings};
 use std::fmt::{self, Debug, Write};
 use std::path::Path;
 use std::time::UNIX_EPOCH;
@@ -74,28 +74,13 @@ pub(super) fn identity(
         ("seed", found.seed.to_string()),
         ("depth", found.max_depth.to_string()),
         ("roulette", on_off(roulette.unwrap_or(true)).to_owned()),
-        (
-            "sampler",
-            match sampler {
-                Sampler::Sobol => "sobol",
-                Sampler::Independent => "independent",
-            }
-            .to_owned(),
-        ),
-        (
-            "estimator",
-            match estimator {
-                Estimator::Both => "both",
-                Estimator::Lights => "lights",
-                Estimator::Scattering => "scattering",
-            }
-            .to_owned(),
-        ),
+        ("sampler", sampler.name().to_owned()),
+        ("estimator", estimator.name().to_owned()),
         ("backend", found.backend.name().to_owned()),
         ("robust traversal", on_off(*robust).to_owned()),
     ];
     if let Some(filter) = texture_filter {
-        list.push(("texture filter", format!("{filter:?}").to_lowercase()));
+        list.push(("texture filter", filter.name().to_owned()));
     }
     if let Some(pixels) = tessellation {
         list.push(("count of pixels of an edge (--tessellation)", pixels.to_string()));
@@ -178,16 +163,12 @@ fn of_scene(scene: &SceneDescription, film: &Film) -> u64 {
     for mesh in meshes {
         if let Some(path) = file_of(mesh) {
             add(&stamp(path));
-        }
-        if file_of(mesh).is_some() {
             add(mesh);
         }
     }
     // What stands in the file may be long: never a text of its own.
-    for mesh in meshes {
-        if file_of(mesh).is_none() {
-            let _ = write!(hash, "{mesh:?};");
-        }
+    for mesh in meshes.iter().filter(|mesh| file_of(mesh).is_none()) {
+        let _ = write!(hash, "{mesh:?};");
     }
     for mesh in patch_meshes {
         let _ = write!(hash, "{mesh:?};");

@@ -4,6 +4,7 @@
 //! Never stops a render because a disk does not take it: that is noted.
 
 use super::job::Job;
+use super::meanwhile::meanwhile;
 use crate::accel::Accel;
 use crate::error::{Error, Result};
 use crate::film::FilmBuffer;
@@ -12,7 +13,7 @@ use crate::permits::lock;
 use crate::settings::Checkpointing;
 use std::path::Path;
 use std::sync::atomic::Ordering;
-use std::sync::{Condvar, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// As often as is kept at most.
@@ -57,16 +58,6 @@ pub(super) fn take_up(
     Ok(there)
 }
 
-/// Set when the render has ended, however.
-struct Ended<'a>(&'a Mutex<bool>, &'a Condvar);
-
-impl Drop for Ended<'_> {
-    fn drop(&mut self) {
-        *lock(self.0) = true;
-        self.1.notify_all();
-    }
-}
-
 impl<'a> Keeper<'a> {
     /// Of the render `identity`; `there` are the samples that the file has already.
     pub(super) fn new(
@@ -79,27 +70,11 @@ impl<'a> Keeper<'a> {
 
     /// Calls `render`, which works at `job`, and keeps that as often as was asked for, and when it has ended.
     pub(super) fn during<A: Accel + ?Sized, R>(&self, job: &Job<'_, A>, render: impl FnOnce() -> R) -> R {
-        let (ended, wakes) = (Mutex::new(false), Condvar::new());
         // For ever, if a person says so.
         let every =
             Duration::try_from_secs_f64(self.settings.every_seconds).unwrap_or(Duration::MAX).max(OFTEN);
-        let watch = || {
-            loop {
-                let waited = wakes.wait_timeout_while(lock(&ended), every, |ended| !*ended);
-                let (guard, time) = waited.unwrap_or_else(PoisonError::into_inner);
-                drop(guard);
-                if !time.timed_out() {
-                    return;
-                }
-                self.keep(job);
-            }
-        };
-        let result = std::thread::scope(|scope| {
-            let _ended = Ended(&ended, &wakes);
-            // Without that thread it is kept when it ends.
-            let _ = std::thread::Builder::new().spawn_scoped(scope, watch);
-            render()
-        });
+        // Without that thread it is kept when it ends.
+        let result = meanwhile("checkpoints", || every, || self.keep(job), render);
         self.keep(job);
         result
     }

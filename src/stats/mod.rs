@@ -17,7 +17,7 @@ pub use key_hasher::{KeyBuildHasher, spread};
 pub use miss_ratio::{StackDistances, sample_hash};
 pub use moves::MemoryMove;
 pub use plan::{EffectStats, PlanBytes, PlanMemory, PlanStats};
-pub use process::{available_memory_bytes, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
+pub use process::{available_memory_bytes, nanoseconds, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
 pub use references::{References, SAMPLES};
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
 pub use timeline::{Gauge, MemorySample, MemoryWatch};

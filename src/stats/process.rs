@@ -2,6 +2,7 @@
 //! guesses.
 
 use std::fs;
+use std::time::Instant;
 
 /// Memory that programs can still have without swapping, in bytes; `None` where the system does not
 /// say.
@@ -30,6 +31,12 @@ pub fn thread_cpu_seconds() -> Option<f64> {
     let text = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     let nanoseconds: u64 = text.split_ascii_whitespace().next()?.parse().ok()?;
     Some(nanoseconds as f64 * 1e-9)
+}
+
+/// Nanoseconds since then.
+#[must_use]
+pub fn nanoseconds(since: Instant) -> u64 {
+    u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
 
 fn field_kib(status: &str, name: &str) -> Option<u64> {

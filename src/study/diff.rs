@@ -7,11 +7,10 @@ use crate::color::luminance;
 use crate::color::srgb::linear_to_byte;
 use crate::error::{Error, Result};
 use crate::film::Image;
+pub use crate::film::REL_MSE_EPSILON;
 use crate::math::Vec3;
 use serde::Serialize;
 
-/// ε of relMSE, in squared linear units: keeps black pixels of the reference from ruling the mean.
-pub const REL_MSE_EPSILON: f64 = 0.01;
 /// Share of the pixels, largest errors first, that the trimmed relMSE leaves out.
 pub const TRIMMED_SHARE: f64 = 0.001;
 /// More pixels than this, and FLIP is left out: its library counts bytes in 32 bits.

@@ -5,7 +5,7 @@
 //! squares is told.
 
 use crate::determinism::everything;
-use crate::support::{outcome, shared};
+use crate::support::{outcome, shared_scenes};
 use std::path::Path;
 use weir::film::Image;
 use weir::scene::{self, SceneDescription};
@@ -170,19 +170,7 @@ fn scenes(size: (u32, u32)) -> Vec<(String, SceneDescription, RenderSettings)> {
     for name in ["cornell", "materials", "textures", "instances"] {
         add(name.to_owned(), &Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.pbrt")));
     }
-    for name in [
-        "classroom",
-        "cornell-box",
-        "living-room",
-        "material-testball",
-        "staircase2",
-        "veach-ajar",
-        "veach-mis",
-    ] {
-        if let Some(folder) = shared(&format!("pbrt-{name}")) {
-            add(format!("pbrt {name}"), &folder.join("scene-v4.pbrt"));
-        }
-    }
+    shared_scenes().iter().for_each(|(name, path)| add(format!("pbrt {name}"), path));
     list
 }
 

@@ -9,6 +9,7 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use weir::render::{Control, Progress};
 use weir::report::cost::{CostStudy, Point};
+use weir::scene::SceneDescription;
 use weir::settings::{Estimator, RenderSettings};
 use weir::study::cost::{Found, Options, study};
 
@@ -33,11 +34,15 @@ const FLOOR: &str = "LookAt 0 3 -3  0 0 0  0 1 0\nCamera \"perspective\" \"float
     AttributeEnd\n";
 
 fn studied(text: &str, estimator: Estimator, budget_s: f64) -> CostStudy {
-    let scene = crate::support::scene(text);
-    let settings = RenderSettings { threads: Some(1), estimator, ..RenderSettings::default() };
+    let settings = RenderSettings { estimator, ..RenderSettings::default() };
+    studied_with(&crate::support::scene(text), settings, budget_s)
+}
+
+fn studied_with(scene: &SceneDescription, settings: RenderSettings, budget_s: f64) -> CostStudy {
+    let settings = RenderSettings { threads: Some(1), ..settings };
     let options = Options { settings, budget_s, target: 0.05, reference: None, patience: f64::INFINITY };
     let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
-    let Found { study, reference, .. } = study(&scene, &options, &control).unwrap_or_else(|e| panic!("{e}"));
+    let Found { study, reference, .. } = study(scene, &options, &control).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!([reference.width, reference.height], study.size);
     study
 }
@@ -92,10 +97,8 @@ fn noise_has_the_slope_that_is_known_and_no_bias() {
 fn what_few_samples_blur_is_no_bias() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/textures.pbrt");
     let scene = weir::scene::load(&path).unwrap_or_else(|e| panic!("{e}"));
-    let settings = RenderSettings { threads: Some(1), size: Some((96, 64)), ..RenderSettings::default() };
-    let options = Options { settings, budget_s: 6.0, target: 0.05, reference: None, patience: f64::INFINITY };
-    let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
-    let Found { study, .. } = study(&scene, &options, &control).unwrap_or_else(|e| panic!("{e}"));
+    let study =
+        studied_with(&scene, RenderSettings { size: Some((96, 64)), ..RenderSettings::default() }, 6.0);
     for point in study.points.iter().filter(|p| p.knob == "samples") {
         assert_eq!(point.bias, 0.0, "{point:?}");
     }

@@ -1,6 +1,6 @@
 //! One seed, one picture: bit for bit on every run, with any number of threads, in any crop window.
 
-use crate::support::{head, icosphere, outcome, scene_beside};
+use crate::support::{bits, head, icosphere, image, scene_beside};
 use std::path::Path;
 use weir::film::Image;
 use weir::film::write::write_image;
@@ -44,20 +44,12 @@ pub(crate) fn everything(folder: &Path) -> SceneDescription {
     scene_beside(&text, folder)
 }
 
-fn render(scene: &SceneDescription, settings: &RenderSettings) -> Image {
-    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}")).image
-}
-
-fn bits(image: &Image) -> Vec<[u32; 3]> {
-    image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
-}
-
 #[test]
 fn threads_and_runs_change_no_bit_and_seeds_do() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let scene = everything(folder.path());
     let with = |threads, seed| {
-        render(&scene, &RenderSettings { threads: Some(threads), seed, ..RenderSettings::default() })
+        image(&scene, &RenderSettings { threads: Some(threads), seed, ..RenderSettings::default() })
     };
     let first = with(1, None);
     assert_eq!((first.width, first.height), (61, 43));
@@ -69,7 +61,7 @@ fn threads_and_runs_change_no_bit_and_seeds_do() {
     // Loading the scene again changes nothing either.
     let again = everything(folder.path());
     let settings = RenderSettings { threads: Some(2), ..RenderSettings::default() };
-    assert!(bits(&render(&again, &settings)) == bits(&first));
+    assert!(bits(&image(&again, &settings)) == bits(&first));
     let (a, b) = (with(2, Some(1)), with(2, Some(2)));
     let same = a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a == b).count();
     // Of the sky's few flat texels no sample can be told from another.
@@ -80,10 +72,10 @@ fn threads_and_runs_change_no_bit_and_seeds_do() {
 fn a_crop_window_has_the_pixels_of_the_whole() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let scene = everything(folder.path());
-    let whole = render(&scene, &RenderSettings::default());
+    let whole = image(&scene, &RenderSettings::default());
     for crop in [[0, 0, 61, 43], [7, 5, 50, 30], [60, 42, 61, 43], [3, 0, 20, 43]] {
         let settings = RenderSettings { crop: Some(crop), threads: Some(2), ..RenderSettings::default() };
-        let part = render(&scene, &settings);
+        let part = image(&scene, &settings);
         assert_eq!((part.width, part.height), (crop[2] - crop[0], crop[3] - crop[1]));
         assert_eq!((part.origin, part.full_size), ((crop[0], crop[1]), (61, 43)));
         for y in 0..part.height {
@@ -109,7 +101,7 @@ fn more_samples_have_the_same_mean() {
     });
     scene.filter = weir::scene::Filter::Box { radius: [0.5, 0.5] };
     let with = |spp| {
-        render(&scene, &RenderSettings { spp: Some(spp), threads: Some(2), ..RenderSettings::default() })
+        image(&scene, &RenderSettings { spp: Some(spp), threads: Some(2), ..RenderSettings::default() })
     };
     let (one, two) = (with(16), with(32));
     let differ = one.pixels.iter().zip(&two.pixels).filter(|(a, b)| a != b).count();

@@ -4,12 +4,14 @@
 //! Invariant: everything is made on the spot, in a directory of the test's own.
 
 use crate::significance::Runs;
-use crate::support::{Frame, grey, head, icosphere, mean, orthographic, outcome, scene, scene_beside};
+use crate::support::{
+    Frame, bits, grey, head, icosphere, mean, orthographic, outcome, render, scene, scene_beside,
+};
 use std::fs;
 use std::path::Path;
 use weir::film::Image;
 use weir::film::write::write_image;
-use weir::render::{Outcome, plan};
+use weir::render::plan;
 use weir::scene::SceneDescription;
 use weir::scene::pbrt::parse_str;
 use weir::settings::{Backend, RenderSettings};
@@ -111,14 +113,6 @@ fn everything(folder: &Path) -> SceneDescription {
     scene_beside(&text, folder)
 }
 
-fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
-    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
-}
-
-fn bits(outcome: &Outcome) -> Vec<[u32; 3]> {
-    outcome.image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
-}
-
 #[test]
 fn one_picture_with_any_threads_and_any_memory() {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -129,14 +123,17 @@ fn one_picture_with_any_threads_and_any_memory() {
     let settings = RenderSettings { backend: Backend::Native, cache_dir, ..RenderSettings::default() };
     let one = render(&scene, &settings);
     assert_eq!(one.stats.image.non_finite_samples, 0);
-    assert_eq!(bits(&one), bits(&render(&scene, &RenderSettings { threads: Some(3), ..settings.clone() })));
+    assert_eq!(
+        bits(&one.image),
+        bits(&render(&scene, &RenderSettings { threads: Some(3), ..settings.clone() }).image)
+    );
     // The texture that moves it comes and goes in tiles, and what is made stays.
     let tiles = RenderSettings { texture_memory: Some(300_000), threads: Some(2), ..settings.clone() };
     let tiled = render(&scene, &tiles);
     assert!(tiled.stats.texture_cache.is_some());
-    assert_eq!(bits(&one), bits(&tiled));
+    assert_eq!(bits(&one.image), bits(&tiled.image));
     let bounded = RenderSettings { geometry_memory: Some(200 << 20), ..settings.clone() };
-    assert_eq!(bits(&one), bits(&render(&scene, &bounded)));
+    assert_eq!(bits(&one.image), bits(&render(&scene, &bounded).image));
     let small = outcome(&scene, &RenderSettings { geometry_memory: Some(100_000), ..settings.clone() });
     let Err(error) = small else { panic!("a thousand triangles are not enough") };
     assert!(
@@ -146,7 +143,7 @@ fn one_picture_with_any_threads_and_any_memory() {
     // Finer edges are another picture, and more triangles.
     let finer = render(&scene, &RenderSettings { tessellation: Some(0.5), ..settings });
     assert!(finer.stats.memory.all_geometry > 4 * one.stats.memory.all_geometry);
-    assert_ne!(bits(&one), bits(&finer));
+    assert_ne!(bits(&one.image), bits(&finer.image));
 }
 
 #[test]

@@ -3,12 +3,11 @@
 //!
 //! Invariant: everything is made on the spot, in a directory of the test's own.
 
-use crate::support::outcome;
+use crate::support::{outcome, render};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 use weir::error::Error;
-use weir::render::Outcome;
 use weir::scene::{self, SceneDescription};
 use weir::settings::{Backend, RenderSettings, Schedule};
 use weir::stats::RenderStats;
@@ -36,10 +35,6 @@ pub(crate) fn settings(at: &Path) -> RenderSettings {
         cache_dir: Some(at.join("cache")),
         ..RenderSettings::default()
     }
-}
-
-fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
-    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// How much of `option` a refusal says would do.

@@ -3,29 +3,20 @@
 
 use crate::determinism::everything;
 use crate::pages::{least, make, settings as paged};
-use crate::support::outcome;
+use crate::support::{bits, outcome, render};
 use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 use std::{fs, thread};
-use weir::film::Image;
 use weir::film::read::read_image;
-use weir::render::{Control, Outcome, Progress, render};
+use weir::render::{Control, Outcome, Progress};
 use weir::scene::SceneDescription;
 use weir::settings::{Checkpointing, RenderSettings, Sampler, Schedule};
 use weir::study::generate::Kind;
 
 fn kept(folder: &Path) -> Option<Checkpointing> {
     Some(Checkpointing { path: folder.join("a.exr.weir"), every_seconds: 60.0 })
-}
-
-fn bits(image: &Image) -> Vec<[u32; 3]> {
-    image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
-}
-
-fn whole(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
-    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Renders, is stopped after a while, and goes on, until it is done: the picture, and how often it was stopped.
@@ -55,7 +46,7 @@ fn in_parts(scene: &SceneDescription, settings: &RenderSettings, first_wait: Dur
                 }
             };
             let control = Control { cancel, progress: &progress, watch: None };
-            let outcome = render(scene, settings, &control);
+            let outcome = weir::render::render(scene, settings, &control);
             over.store(true, Ordering::Relaxed);
             outcome.unwrap_or_else(|e| panic!("{e}"))
         });
@@ -91,7 +82,7 @@ fn however_often_it_is_stopped_the_picture_is_that_of_one_go() {
                     ..RenderSettings::default()
                 };
                 let what = format!("{schedule:?}, {threads} threads, {crop:?}, {noise:?}");
-                let one = whole(&scene, &plain);
+                let one = render(&scene, &plain);
                 let settings = RenderSettings { checkpoint: kept(folder.path()), ..plain };
                 let (parts, stops) = in_parts(&scene, &settings, Duration::from_millis(20));
                 assert!(
@@ -103,7 +94,7 @@ fn however_often_it_is_stopped_the_picture_is_that_of_one_go() {
                 assert_eq!(image.samples + image.resumed_samples, one.stats.image.samples, "{what}");
                 all.fetch_add(u64::from(stops), Ordering::Relaxed);
                 // What is done is only written again.
-                let again = whole(&scene, &settings);
+                let again = render(&scene, &settings);
                 assert!(bits(&again.image) == bits(&one.image) && again.stats.image.samples == 0, "{what}");
             });
         }
@@ -125,7 +116,7 @@ fn rays_that_wait_in_voxels_go_on_too() {
     let budget = least(&scene, &base);
     for noise in [None, Some(0.2)] {
         let plain = RenderSettings { noise, schedule: Schedule::Depth, ..base.clone() };
-        let one = whole(&scene, &plain);
+        let one = render(&scene, &plain);
         let _ = fs::remove_file(folder.path().join("a.exr.weir"));
         let settings = RenderSettings {
             noise,
@@ -158,8 +149,8 @@ fn more_samples_are_those_of_one_go() {
         for (k, spp) in [1, 7, 16, 20, 33, 35, 90].into_iter().enumerate() {
             let footprints = Some(90);
             let go_on = RenderSettings { sampler, ..with(spp, footprints, kept(folder.path())) };
-            let part = whole(&scene, &go_on);
-            let one = whole(&scene, &RenderSettings { sampler, ..with(spp, footprints, None) });
+            let part = render(&scene, &go_on);
+            let one = render(&scene, &RenderSettings { sampler, ..with(spp, footprints, None) });
             assert!(bits(&part.image) == bits(&one.image), "{sampler:?}: another picture at {spp} samples");
             assert_eq!((part.stats.image.spp, part.stats.image.resumed_samples > 0), (spp, k > 0));
         }
@@ -167,12 +158,12 @@ fn more_samples_are_those_of_one_go() {
     // Above 64 samples footprints shrink no more, and below they are part of what is continued.
     let path = kept(folder.path()).expect("some").path;
     fs::remove_file(&path).expect("there");
-    let plain = whole(&scene, &with(100, None, None));
-    whole(&scene, &with(70, None, kept(folder.path())));
-    let more = whole(&scene, &with(100, None, kept(folder.path())));
+    let plain = render(&scene, &with(100, None, None));
+    render(&scene, &with(70, None, kept(folder.path())));
+    let more = render(&scene, &with(100, None, kept(folder.path())));
     assert!(bits(&more.image) == bits(&plain.image), "another picture");
     fs::remove_file(&path).expect("there");
-    whole(&scene, &with(20, None, kept(folder.path())));
+    render(&scene, &with(20, None, kept(folder.path())));
     let refused =
         outcome(&scene, &with(40, None, kept(folder.path()))).err().expect("other textures").to_string();
     assert!(refused.contains("(--footprint-spp) is 20, not 40"), "{refused}");
@@ -185,7 +176,7 @@ fn what_is_of_another_render_is_refused_and_stays() {
     let settings =
         RenderSettings { spp: Some(64), checkpoint: kept(folder.path()), ..RenderSettings::default() };
     let path = kept(folder.path()).expect("some").path;
-    whole(&scene, &settings);
+    render(&scene, &settings);
     let before = fs::read(&path).expect("kept");
     let refuse = |scene: &SceneDescription, settings: RenderSettings, needed: &str| {
         let error = outcome(scene, &settings).err().unwrap_or_else(|| panic!("{needed}: taken"));

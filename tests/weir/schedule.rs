@@ -5,18 +5,13 @@
 
 use crate::determinism::everything;
 use crate::pages::{least, make, settings, would_do};
-use crate::support::outcome;
+use crate::support::render;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 use std::{fs, thread};
-use weir::render::Outcome;
 use weir::scene::SceneDescription;
 use weir::settings::{Backend, RenderSettings, Schedule};
 use weir::study::generate::Kind;
-
-fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
-    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
-}
 
 /// The least that does, as the refusal says it.
 fn least_for_rays(scene: &SceneDescription, settings: &RenderSettings) -> u64 {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use weir::error::Result;
 use weir::film::Image;
-use weir::render::{Control, Outcome, Progress, render};
+use weir::render::{self, Control, Outcome, Progress};
 use weir::scene::SceneDescription;
 use weir::scene::pbrt::parse_str;
 use weir::settings::RenderSettings;
@@ -78,7 +78,7 @@ pub(crate) fn scene_beside(text: &str, folder: &Path) -> SceneDescription {
 pub(crate) fn outcome(scene: &SceneDescription, settings: &RenderSettings) -> Result<Outcome> {
     let settings = RenderSettings { threads: settings.threads.or(Some(1)), ..settings.clone() };
     let control = Control { cancel: &AtomicBool::new(false), progress: &|_: Progress| {}, watch: None };
-    render(scene, &settings, &control)
+    render::render(scene, &settings, &control)
 }
 
 pub(crate) fn image(scene: &SceneDescription, settings: &RenderSettings) -> Image {
@@ -196,4 +196,29 @@ pub(crate) fn shared(folder: &str) -> Option<PathBuf> {
         eprintln!("left out: no scenes/{folder} in any of {bases:?}");
     }
     found
+}
+
+/// What rendering `scene` comes to, which is sound.
+pub(crate) fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
+    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Of every channel of every pixel.
+pub(crate) fn bits(image: &Image) -> Vec<[u32; 3]> {
+    image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
+}
+
+/// The pbrt scenes of `../shared` that are there, by name.
+pub(crate) fn shared_scenes() -> Vec<(&'static str, PathBuf)> {
+    let names = [
+        "classroom",
+        "cornell-box",
+        "living-room",
+        "material-testball",
+        "staircase2",
+        "veach-ajar",
+        "veach-mis",
+    ];
+    let scene = |name| Some((name, shared(&format!("pbrt-{name}"))?.join("scene-v4.pbrt")));
+    names.into_iter().filter_map(scene).collect()
 }

@@ -31,17 +31,14 @@ pub(super) struct Displacement<'a> {
     pub(super) textures: &'a Textures,
     /// Triangles that may be made.
     pub(super) most: usize,
+    pub(super) place: Place<'a>,
+    pub(super) view: &'a View,
+    pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Displacement<'_> {
     /// `base`, divided and moved.
-    pub(super) fn apply(
-        &self,
-        base: TriangleMesh,
-        place: &Place<'_>,
-        view: &View,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<MadeMesh> {
+    pub(super) fn apply(&self, base: TriangleMesh) -> Result<MadeMesh> {
         if base.uvs.is_empty() && self.textures.reads_uv(self.texture) {
             return Err(Error::Resource(
                 "the mesh has no texture coordinates, which its displacement reads; add them, or map the texture by \
@@ -59,24 +56,19 @@ impl Displacement<'_> {
         };
         let seams = seams::find(&positions, &triangles, smooth);
         let refined = Refined { positions, normals, uvs, triangles, seams, links: Vec::new() };
-        let refined = self.divide(refined, place, view, stop)?;
-        Ok(self.displace(refined, place))
+        let refined = self.divide(refined)?;
+        Ok(self.displace(refined))
     }
 
-    pub(super) fn divide(
-        &self,
-        mesh: Refined,
-        place: &Place<'_>,
-        view: &View,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Refined> {
+    pub(super) fn divide(&self, mesh: Refined) -> Result<Refined> {
+        let place = &self.place;
         let to_world = |p: Vec3| place.to_world.point_f64(p.as_dvec3());
         let at = |v: u32| to_world(Vec3::from(mesh.positions[v as usize]));
         let used = || mesh.triangles.par_iter().flatten().map(|&v| at(v)).filter(|p| p.is_finite());
         let low = used().reduce(|| DVec3::INFINITY, DVec3::min);
         let high = used().reduce(|| DVec3::NEG_INFINITY, DVec3::max);
         let centre = 0.5 * (low + high);
-        let seen = Seen::new(view, place.places, centre, 0.5 * (high - low).length());
+        let seen = Seen::new(self.view, place.places, centre, 0.5 * (high - low).length());
         let longest = |t: &[u32; 3]| {
             let [a, b, c] = t.map(at);
             let lengths = [a.distance(b), b.distance(c), c.distance(a)];
@@ -99,10 +91,11 @@ impl Displacement<'_> {
             let length = p.distance(q);
             length.is_finite() && length > least && (length > most || seen.edge(p, q) > 1.0)
         };
-        mesh.divide(self.most, splits, stop)
+        mesh.divide(self.most, splits, self.stop)
     }
 
-    pub(super) fn displace(&self, mesh: Refined, place: &Place<'_>) -> MadeMesh {
+    pub(super) fn displace(&self, mesh: Refined) -> MadeMesh {
+        let place = &self.place;
         let Refined { mut positions, normals, uvs, triangles, links, .. } = mesh;
         let not_numbers = AtomicU64::new(0);
         let mut moves = vec![Vec3::ZERO; positions.len()];

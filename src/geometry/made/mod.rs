@@ -15,7 +15,7 @@ pub use view::{DEFAULT_EDGE_PIXELS, View};
 
 use crate::error::{Error, Result};
 use crate::math::Transform;
-use crate::prepare::is_visible;
+use crate::prepare::{all_shapes, is_visible};
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh};
 use crate::texture::Textures;
 
@@ -84,8 +84,9 @@ pub(super) fn make(
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
             let textures = making.textures.expect("who loads a displaced mesh has its texture");
             let (texture, edge_length, most) = (*texture, *edge_length, making.most_triangles());
-            let moved = displace::Displacement { texture, edge_length, textures, most };
-            moved.apply(base, &place, making.view, stop).map_err(placed)?
+            let view = making.view;
+            let moved = displace::Displacement { texture, edge_length, textures, most, place, view, stop };
+            moved.apply(base).map_err(placed)?
         }
     })
 }
@@ -107,7 +108,7 @@ pub fn wants_textures(scene: &SceneDescription) -> bool {
         ShapeKind::Mesh(id) => matches!(scene.meshes[id.index()], MeshSource::Displaced { .. }),
         _ => false,
     };
-    scene.shapes.iter().chain(scene.objects.iter().flatten()).any(|s| displaced(s) && is_visible(scene, s))
+    all_shapes(scene).any(|s| displaced(s) && is_visible(scene, s))
 }
 
 /// Vertices and triangles that will be made of each mesh of curves, by the index of the mesh; exact.

@@ -44,10 +44,15 @@ fn view(distance: f64, pixels: u32, edge: f32) -> View {
     View::new(&camera, (pixels, pixels), edge)
 }
 
+/// By the only texture of `textures`.
+fn displacement<'a>(textures: &'a Textures, edge_length: Option<f32>, view: &'a View) -> Displacement<'a> {
+    let (texture, most) = (TextureId(0), MAX_TRIANGLES);
+    Displacement { texture, edge_length, textures, most, place: AT_HOME, view, stop: &|| false }
+}
+
 fn displaced(base: TriangleMesh, node: Texture, edge_length: Option<f32>, view: &View) -> TriangleMesh {
     let textures = textures(node);
-    let what = Displacement { texture: TextureId(0), edge_length, textures: &textures, most: MAX_TRIANGLES };
-    what.apply(base, &AT_HOME, view, &|| false).unwrap_or_else(|e| panic!("{e}")).mesh
+    displacement(&textures, edge_length, view).apply(base).unwrap_or_else(|e| panic!("{e}")).mesh
 }
 
 fn square() -> TriangleMesh {
@@ -92,13 +97,7 @@ fn a_plane_moved_by_a_slope_is_the_sloping_plane() {
 #[test]
 fn values_that_are_no_numbers_move_nothing() {
     let textures = textures(Texture::Constant(Rgb::splat(f32::NAN)));
-    let what = Displacement {
-        texture: TextureId(0),
-        edge_length: Some(0.3),
-        textures: &textures,
-        most: MAX_TRIANGLES,
-    };
-    let made = what.apply(square(), &AT_HOME, &view(3.0, 10, 2.0), &|| false).expect("sound");
+    let made = displacement(&textures, Some(0.3), &view(3.0, 10, 2.0)).apply(square()).expect("sound");
     assert_eq!(made.not_numbers, made.mesh.positions.len() as u64);
     assert!(made.mesh.positions.iter().all(|p| p[2] == 0.0));
     // Neither do positions that are none keep it busy for ever.
@@ -196,12 +195,12 @@ fn a_closed_mesh_stays_closed_at_seams_and_between_rates() {
 #[test]
 fn without_seams_it_opens() {
     let textures = textures(slope());
-    let what =
-        Displacement { texture: TextureId(0), edge_length: None, textures: &textures, most: MAX_TRIANGLES };
+    let view = view(1.3, 200, 2.0);
+    let what = displacement(&textures, None, &view);
     let TriangleMesh { positions, normals, uvs, indices: triangles, .. } = globe(12, 6);
     let refined = Refined { positions, normals, uvs, triangles, ..Refined::default() };
-    let refined = what.divide(refined, &AT_HOME, &view(1.3, 200, 2.0), &|| false).expect("sound");
-    assert!(open_edges(&what.displace(refined, &AT_HOME).mesh) > 100);
+    let refined = what.divide(refined).expect("sound");
+    assert!(open_edges(&what.displace(refined).mesh) > 100);
 }
 
 #[test]
@@ -250,13 +249,8 @@ fn it_depends_on_no_thread_and_on_no_order() {
 #[test]
 fn what_would_be_too_many_is_refused_before_it_is_made() {
     let textures = textures(slope());
-    let what = Displacement {
-        texture: TextureId(0),
-        edge_length: Some(1e-5),
-        textures: &textures,
-        most: MAX_TRIANGLES,
-    };
-    let Err(Error::Resource(line)) = what.apply(square(), &AT_HOME, &view(3.0, 10, 2.0), &|| false) else {
+    let view = view(3.0, 10, 2.0);
+    let Err(Error::Resource(line)) = displacement(&textures, Some(1e-5), &view).apply(square()) else {
         panic!("2·10¹⁰ triangles were made")
     };
     assert!(line.contains("(23094011934 at least)"), "{line}");

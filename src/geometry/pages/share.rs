@@ -55,14 +55,14 @@ impl PageCache {
         comings.slots.allow(Self::room_in(budget, files));
         for _ in 0..PATIENCE {
             for _ in 0..GO_TOGETHER {
-                if comings.slots.made() <= comings.slots.limit() {
+                if !comings.slots.too_many() {
                     break;
                 }
                 let Some(slot) = self.evict(&mut comings, files) else { break };
                 comings.slots.drop(slot);
                 self.used.fetch_sub(files.cost(), Ordering::Relaxed);
             }
-            if comings.slots.made() <= comings.slots.limit() {
+            if !comings.slots.too_many() {
                 break;
             }
             // Others may look and read meanwhile.

@@ -61,10 +61,14 @@ impl Slots {
         self.limit
     }
 
-    /// Allows so many from now on; how many of those that there are have to go.
-    pub(super) fn allow(&mut self, limit: usize) -> usize {
+    /// Allows so many from now on.
+    pub(super) fn allow(&mut self, limit: usize) {
         self.limit = limit;
-        self.made.saturating_sub(limit)
+    }
+
+    /// Whether there are more than there may be.
+    pub(super) fn too_many(&self) -> bool {
+        self.made > self.limit
     }
 
     /// Whether slots can be given back in any order.
@@ -90,11 +94,14 @@ mod tests {
             }
             assert_eq!(all.len(), limit);
             let fewer = limit / 2;
-            assert_eq!(slots.allow(fewer), limit - fewer);
+            slots.allow(fewer);
             assert!(slots.take().is_none());
-            all.drain(fewer..).for_each(|slot| slots.drop(slot));
-            assert!(slots.take().is_none() && slots.made() == fewer);
-            assert_eq!(slots.allow(limit), 0);
+            for slot in all.drain(fewer..) {
+                assert!(slots.too_many());
+                slots.drop(slot);
+            }
+            assert!(!slots.too_many() && slots.take().is_none() && slots.made() == fewer);
+            slots.allow(limit);
             assert!(slots.take().is_some());
         }
     }

@@ -1,16 +1,28 @@
 //! Pages against the meshes that they were cut from.
 
+use super::file::PageFile;
 use super::format::{encode, is_whole, read_triangle};
 use super::make::{PageMaker, Source};
 use super::store::PageStore;
-use super::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES};
+use super::{LEAST_PAGE_BYTES, MOST_PAGE_BYTES, PagedMesh};
 use crate::accel::bvh::{BvhScene, Centre, Form, PageView, cut};
 use crate::accel::{Accel, Custom, Geometry, Hit, NONE, Pages, Ray};
 use crate::geometry::Mesh;
 use crate::math::Transform;
 use glam::Vec3;
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Of the PLY file `path`, made in `folder`, where none were before.
+fn made(folder: &Path, path: &Path, page_bytes: usize) -> (PagedMesh, PageFile) {
+    let maker = PageMaker::new(Some(folder), page_bytes, u64::MAX).expect("a folder is given");
+    let source = Source { path, to_world: &Transform::IDENTITY, reverse: false };
+    let named = maker.name(&source).expect("the source is there");
+    assert!(maker.find(&named).is_none(), "nothing is made yet");
+    drop(maker.make(&source, &named, NEVER).expect("room in the folder"));
+    maker.find(&named).expect("it has been made")
+}
 
 struct NoCustom;
 
@@ -190,12 +202,7 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     ];
     let whole = BvhScene::new(&whole, &[], &[], &NoCustom, None, Form::best()).expect("few triangles");
     for page_bytes in [LEAST_PAGE_BYTES, 16 << 10, MOST_PAGE_BYTES] {
-        let maker = PageMaker::new(Some(folder.path()), page_bytes, u64::MAX).expect("a folder is given");
-        let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
-        let named = maker.name(&source).expect("the source is there");
-        assert!(maker.find(&named).is_none(), "nothing is made yet");
-        drop(maker.make(&source, &named, NEVER).expect("room in the folder"));
-        let (paged, file) = maker.find(&named).expect("it has been made");
+        let (paged, file) = made(folder.path(), &path, page_bytes);
         assert_eq!(paged.triangles, mesh.indices.len() as u64);
         let store = PageStore::new(vec![file], page_bytes).expect("few pages");
         let budget = store.least(1) + 2 * page_bytes as u64;
@@ -248,11 +255,7 @@ fn memory_comes_and_goes_while_pages_are_looked_at() {
     mesh.tangents.clear();
     std::fs::write(&path, ply(&mesh, &triangles(&mesh), "binary_little_endian")).expect("writable");
     let page_bytes = LEAST_PAGE_BYTES;
-    let maker = PageMaker::new(Some(folder.path()), page_bytes, u64::MAX).expect("a folder is given");
-    let source = Source { path: &path, to_world: &Transform::IDENTITY, reverse: false };
-    let named = maker.name(&source).expect("the source is there");
-    drop(maker.make(&source, &named, NEVER).expect("room in the folder"));
-    let (paged, file) = maker.find(&named).expect("it has been made");
+    let (paged, file) = made(folder.path(), &path, page_bytes);
     let pages = paged.bounds.len() as u32;
     let store = PageStore::new(vec![file], page_bytes).expect("few pages");
     let all = 150 * (page_bytes as u64 + 256);

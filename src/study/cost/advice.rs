@@ -95,20 +95,10 @@ pub(super) fn joint(
     })
 }
 
-/// What to render with: all knobs together where that pays, else the scene's own settings; the point and its settings.
-pub(super) fn advised(
-    study: &CostStudy,
-    joint: Option<&Variant>,
-    own: &RenderSettings,
-) -> (usize, RenderSettings) {
-    let together = study.points.iter().rposition(|p| p.knob == JOINT);
-    if let (Some(at), Some(joint)) = (together, joint)
-        && differs(&study.points[at]) < 0.0
-    {
-        return (at, joint.settings.clone());
-    }
-    let last = study.points.iter().rposition(|p| p.knob == SAMPLES).unwrap_or(0);
-    (last, own.clone())
+/// The point of all knobs together, if that pays: then it is what is advised, else the scene's own settings.
+pub(super) fn joint_that_helps(study: &CostStudy) -> Option<usize> {
+    let joint = study.points.iter().rposition(|p| p.knob == JOINT)?;
+    (differs(&study.points[joint]) < 0.0).then_some(joint)
 }
 
 /// What a person can act on.

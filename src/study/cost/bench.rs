@@ -254,45 +254,68 @@ impl Bench<'_, '_> {
         plan: &Plan,
     ) -> Result<()> {
         predict::predict(&mut self.study, plan);
-        let mut joint = advice::joint(&self.study, all, own, self.scene.integrator.max_depth);
-        if let Some(joint) = joint.as_ref().filter(|j| plan.reloads || !j.reloads) {
+        let joint = advice::joint(&self.study, all, own, self.scene.integrator.max_depth);
+        let joint = joint.filter(|joint| plan.reloads || !joint.reloads);
+        let mut advised = None;
+        if let Some(joint) = &joint {
             self.phase("turning them together")?;
-            with_frames(self.scene, &joint.settings, self.control, |frames| {
+            advised = with_frames(self.scene, &joint.settings, self.control, |frames| {
                 self.render(frames, &joint.settings, WARM, plan.size)?;
                 // Two counts, for a slope of their own.
                 let few = (plan.spp / 4).max(1);
                 self.measure(frames, joint, (few, plan.renders), truth, plan)?;
-                self.measure(frames, joint, (plan.spp, plan.renders), truth, plan)
+                self.measure(frames, joint, (plan.spp, plan.renders), truth, plan)?;
+                predict::predict(&mut self.study, plan);
+                let helps = advice::joint_that_helps(&self.study);
+                if let Some(found) = helps.and_then(|point| self.prediction(point, plan)) {
+                    self.check(frames, &joint.settings, found, truth, plan)?;
+                }
+                Ok(helps)
             })?;
-            predict::predict(&mut self.study, plan);
-        } else {
-            joint = None;
         }
-        let (point, settings) = advice::advised(&self.study, joint.as_ref(), own);
-        let left = self.study.budget_s - self.start.elapsed().as_secs_f64();
-        let left = if self.study.points[point].noise > 0.0 { left } else { 0.0 };
-        if left > 0.0
-            && let Some((spp, error, seconds)) = predict::checkable(&self.study, point, plan, left)
-        {
-            self.phase("checking the advice")?;
-            let (image, measured_s) = with_frames(self.scene, &settings, self.control, |frames| {
-                self.render(frames, &settings, WARM, plan.size)?;
-                self.render(frames, &settings, (spp, CHECK), plan.size)
-            })?;
-            self.study.checks.push(Check {
-                // Its count is told apart.
-                options: match &self.study.points[point] {
-                    own if own.knob == SAMPLES => String::new(),
-                    turned => turned.options.clone(),
-                },
-                spp,
-                predicted: error,
-                measured: truth.relmse_of(&image).max(0.0).sqrt(),
-                predicted_s: seconds,
-                measured_s,
-            });
-        }
+        let point = match advised {
+            Some(point) => point,
+            None => {
+                let last = self.study.points.iter().rposition(|p| p.knob == SAMPLES).unwrap_or(0);
+                if let Some(found) = self.prediction(last, plan) {
+                    with_frames(self.scene, own, self.control, |frames| {
+                        self.render(frames, own, WARM, plan.size)?;
+                        self.check(frames, own, found, truth, plan)
+                    })?;
+                }
+                last
+            }
+        };
         self.study.advice = advice::sentences(&self.study, point, plan);
+        Ok(())
+    }
+
+    /// What `point` predicts of a render that there is time for, and that has noise.
+    fn prediction(&self, point: usize, plan: &Plan) -> Option<Check> {
+        let left = self.study.budget_s - self.start.elapsed().as_secs_f64();
+        let of = &self.study.points[point];
+        if left <= 0.0 || of.noise == 0.0 {
+            return None;
+        }
+        let (spp, predicted, predicted_s) = predict::checkable(&self.study, point, plan, left)?;
+        // A count of samples is told apart.
+        let options = if of.knob == SAMPLES { String::new() } else { of.options.clone() };
+        Some(Check { options, spp, predicted, predicted_s, ..Check::default() })
+    }
+
+    /// Holds a prediction for `settings`, which are loaded, against a render.
+    fn check(
+        &mut self,
+        frames: &mut Frames<'_, '_>,
+        settings: &RenderSettings,
+        prediction: Check,
+        truth: &Truth,
+        plan: &Plan,
+    ) -> Result<()> {
+        self.phase("checking the advice")?;
+        let (image, measured_s) = self.render(frames, settings, (prediction.spp, CHECK), plan.size)?;
+        let measured = truth.relmse_of(&image).max(0.0).sqrt();
+        self.study.checks.push(Check { measured, measured_s, ..prediction });
         Ok(())
     }
 }

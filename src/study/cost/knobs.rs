@@ -23,6 +23,9 @@ pub(super) fn changes_the_limit(knob: &str) -> bool {
     matches!(knob, "depth" | "filter")
 }
 
+/// Where random numbers come from, as a knob.
+pub(super) const SAMPLER: &str = "sampler";
+
 /// All variants of `own`, which are the scene's settings.
 pub(super) fn variants(scene: &SceneDescription, own: &RenderSettings) -> Vec<Variant> {
     let mut all = Vec::new();
@@ -43,33 +46,23 @@ pub(super) fn variants(scene: &SceneDescription, own: &RenderSettings) -> Vec<Va
     let roulette = own.roulette.unwrap_or(true);
     let other = if roulette { "off" } else { "on" };
     add("roulette", other.into(), format!("--roulette {other}"), false, &|s| s.roulette = Some(!roulette));
-    for (sampler, name) in [(Sampler::Sobol, "sobol"), (Sampler::Independent, "independent")] {
-        if sampler != own.sampler {
-            add("sampler", name.into(), format!("--sampler {name}"), false, &|s| s.sampler = sampler);
-        }
+    for sampler in Sampler::ALL.into_iter().filter(|s| *s != own.sampler) {
+        let name = sampler.name();
+        add(SAMPLER, name.into(), format!("--sampler {name}"), false, &|s| s.sampler = sampler);
     }
-    for (estimator, name, value) in [
-        (Estimator::Both, "both", "both"),
-        (Estimator::Lights, "lights", "lights only"),
-        (Estimator::Scattering, "scattering", "BSDF only"),
-    ] {
+    for (estimator, value) in
+        [(Estimator::Both, "both"), (Estimator::Lights, "lights only"), (Estimator::Scattering, "BSDF only")]
+    {
         if estimator != own.estimator {
-            let options = format!("--estimator {name}");
+            let options = format!("--estimator {}", estimator.name());
             add("direct light", value.into(), options, false, &|s| s.estimator = estimator);
         }
     }
     if scene.textures.iter().any(|t| matches!(t, Texture::Image { .. })) {
-        for (filter, name) in [
-            (TextureFilter::Point, "point"),
-            (TextureFilter::Bilinear, "bilinear"),
-            (TextureFilter::Trilinear, "trilinear"),
-            (TextureFilter::Ewa, "ewa"),
-            (TextureFilter::Stochastic, "stochastic"),
-        ] {
-            if own.texture_filter != Some(filter) {
-                let options = format!("--texture-filter {name}");
-                add("filter", name.into(), options, true, &|s| s.texture_filter = Some(filter));
-            }
+        for filter in TextureFilter::ALL.into_iter().filter(|f| own.texture_filter != Some(*f)) {
+            let name = filter.name();
+            let options = format!("--texture-filter {name}");
+            add("filter", name.into(), options, true, &|s| s.texture_filter = Some(filter));
         }
     }
     if cfg!(feature = "embree") && own.backend == Backend::Embree {

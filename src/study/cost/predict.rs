@@ -3,9 +3,11 @@
 //! Invariant: measures nothing; uses the power with which noise falls, as it was measured.
 
 use super::advice::JOINT;
+use super::knobs::SAMPLER;
 use super::plan::Plan;
 use super::{SAMPLES, own, spread};
 use crate::report::cost::{AtTarget, CostStudy, Point, Spread};
+use crate::settings::Sampler;
 
 /// The line through the logarithms of what was measured at several sample counts, powers of two: noise at any. Beyond the
 /// last of them variance falls with the number of samples at least, as it must in the end, however slowly the errors
@@ -97,7 +99,7 @@ fn line_of(study: &CostStudy, point: &Point, own: &Point) -> Option<Line> {
     };
     let here_now = square / own.noise.powi(2) * line.on_line(here);
     // Samples that know nothing of each other have a slope of one at most.
-    let independent = point.options.contains("--sampler independent");
+    let independent = point.knob == SAMPLER && point.value == Sampler::Independent.name();
     let slope = if independent { line.slope.min(1.0) } else { line.slope };
     Some(Line { slope, ..line }.through(here, here_now))
 }

@@ -17,11 +17,10 @@ pub use counters::FileCounts;
 pub use source::TileSource;
 pub use thread::ThreadCache;
 pub use tile::least_budget;
-pub(crate) use tile::nanoseconds;
 
 use crate::error::{Error, Result};
 use crate::permits::{self, lock};
-use crate::stats::{Gauge, KeyBuildHasher, References, spread};
+use crate::stats::{Gauge, KeyBuildHasher, References, nanoseconds, spread};
 use lru::LruCache;
 use shard::{Abandon, Padded, Shard};
 use std::collections::HashMap;

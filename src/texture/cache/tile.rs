@@ -5,7 +5,6 @@
 //! microsecond, reading it twenty.
 
 use std::sync::atomic::AtomicU64;
-use std::time::Instant;
 
 /// What a tile costs beside its texels: its record, the cache's list node and hash-table slots, and
 /// what the allocator adds.
@@ -39,11 +38,6 @@ pub(super) fn cost(lines: usize) -> u64 {
 #[must_use]
 pub fn least_budget(tile_bytes: usize, threads: usize) -> u64 {
     2 * threads.max(1) as u64 * cost(lines_for(tile_bytes))
-}
-
-/// Since then.
-pub(crate) fn nanoseconds(since: Instant) -> u64 {
-    u64::try_from(since.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// A resident tile.

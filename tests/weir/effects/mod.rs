@@ -6,7 +6,7 @@ mod prices;
 
 use crate::determinism::everything;
 use crate::pages::{least, make, settings};
-use crate::support::{Frame, head, icosphere, outcome, scene_beside, shared};
+use crate::support::{Frame, bits, head, icosphere, render, scene_beside, shared_scenes};
 use std::path::Path;
 use weir::film::Image;
 use weir::film::write::write_image;
@@ -171,14 +171,6 @@ pub(crate) fn images(folder: &Path) {
     }
 }
 
-fn render(scene: &SceneDescription, settings: &RenderSettings) -> Outcome {
-    outcome(scene, settings).unwrap_or_else(|e| panic!("{e}"))
-}
-
-fn bits(outcome: &Outcome) -> Vec<[u32; 3]> {
-    outcome.image.pixels.iter().map(|p| p.map(f32::to_bits)).collect()
-}
-
 fn forcing(names: &[&str], settings: &RenderSettings) -> RenderSettings {
     let force_effects = names.iter().map(|n| (*n).to_owned()).collect();
     RenderSettings { force_effects, ..settings.clone() }
@@ -189,7 +181,11 @@ fn same_from_both(scene: &SceneDescription, settings: &RenderSettings, what: &st
     let own = render(scene, settings);
     let general = render(scene, &forcing(&["all"], settings));
     assert_eq!(general.stats.plan.kernel, "general", "{what}");
-    assert!(bits(&own) == bits(&general), "{what}: {} draws another picture", own.stats.plan.kernel);
+    assert!(
+        bits(&own.image) == bits(&general.image),
+        "{what}: {} draws another picture",
+        own.stats.plan.kernel
+    );
     own
 }
 
@@ -212,7 +208,7 @@ fn each_scene_gets_the_kernel_that_has_its_effects() {
                 let planned = plan(&scene, &settings).unwrap_or_else(|e| panic!("{what}: {e}"));
                 let told = &own.stats.plan;
                 assert_eq!((&planned.kernel, &planned.calls), (&told.kernel, &told.calls), "{what}");
-                assert!(bits(&own).iter().any(|p| *p != [0; 3]), "{what}: a black picture");
+                assert!(bits(&own.image).iter().any(|p| *p != [0; 3]), "{what}: a black picture");
             }
         }
     }
@@ -230,7 +226,7 @@ fn every_kernel_between_gives_the_same_picture_too() {
         {
             let forced = render(&scene, &forcing(names, &RenderSettings::default()));
             let kernel = forced.stats.plan.kernel.clone();
-            assert!(bits(&own) == bits(&forced), "{}: {kernel}, for {names:?}", effect.name);
+            assert!(bits(&own.image) == bits(&forced.image), "{}: {kernel}, for {names:?}", effect.name);
             ran.push(kernel);
         }
         // From the scene's own on, all have run.
@@ -247,17 +243,7 @@ fn the_scenes_of_the_house_and_of_others_look_the_same_from_every_kernel() {
     for name in ["cornell", "furnace", "instances", "materials", "textures"] {
         scenes.push(house.join(name).with_extension("pbrt"));
     }
-    for name in [
-        "cornell-box",
-        "veach-mis",
-        "material-testball",
-        "veach-ajar",
-        "living-room",
-        "classroom",
-        "staircase2",
-    ] {
-        scenes.extend(shared(&format!("pbrt-{name}")).map(|folder| folder.join("scene-v4.pbrt")));
-    }
+    scenes.extend(shared_scenes().into_iter().map(|(_, path)| path));
     for path in scenes {
         let scene = scene::load(&path).unwrap_or_else(|e| panic!("{e}"));
         for (backend, schedule) in [(Backend::Embree, Schedule::Depth), (Backend::Native, Schedule::Sorted)] {
@@ -299,6 +285,6 @@ fn rays_that_wait_bring_the_same_from_every_kernel() {
     let own = same_from_both(&city, &voxel, "a city in pages");
     assert_eq!(own.stats.scheduler.name, "voxel");
     let general = render(&city, &forcing(&["media"], &voxel));
-    assert!(bits(&own) == bits(&general));
+    assert!(bits(&own.image) == bits(&general.image));
     assert_ne!(own.stats.plan.kernel, "general");
 }
