@@ -1,6 +1,6 @@
-//! Files that appear whole or not at all: written under another name in the same directory, synced,
-//! then renamed. Invariant: until the rename the old file is intact, and after an error no partial
-//! file is left. Never chooses a format.
+//! Files that appear whole or not at all: written in the same directory without a name, where the file system has such
+//! files, or else under another name; synced; then renamed. Invariant: until the rename the old file is intact, and after
+//! an error no partial file is left, nor after a kill where files need no name. Never chooses a format.
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, OpenOptions};
@@ -82,7 +82,7 @@ fn replace<T, E: From<io::Error>>(
     write: impl FnOnce(&mut BufWriter<File>) -> std::result::Result<T, E>,
 ) -> std::result::Result<T, E> {
     let target = if manner.through_links { resolve(path) } else { path.to_path_buf() };
-    let (file, partial) = Partial::create(&target)?;
+    let (file, mut partial) = Partial::create(directory_of(&target))?;
     let mut writer = BufWriter::new(file);
     let written = write(&mut writer)?;
     let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
@@ -94,7 +94,7 @@ fn replace<T, E: From<io::Error>>(
     if manner.synced {
         file.sync_all()?;
     }
-    partial.rename(&target)?;
+    fs::rename(partial.name(&file)?, &target)?;
     if manner.synced {
         // The rename itself reaches the disk with its directory; not every file system can sync one.
         let _ = File::open(directory_of(&target)).and_then(|directory| directory.sync_all());
@@ -136,7 +136,9 @@ pub fn check_replaceable(path: &Path) -> Result<()> {
         Err(e) => return Err(Error::io(path, e)),
     }
     // Dropping the guard removes the probe.
-    Partial::create(&target).map(|_| ()).map_err(|e| Error::io(path, e))
+    let probe = Partial::create(directory_of(&target))
+        .and_then(|(file, mut partial)| partial.name(&file).map(|_| ()));
+    probe.map_err(|e| Error::io(path, e))
 }
 
 /// A new file in `directory` that has no name any more, for reading and writing: it goes when it is closed, and when
@@ -145,8 +147,8 @@ pub fn check_replaceable(path: &Path) -> Result<()> {
 /// # Errors
 /// The operating system's.
 pub fn nameless_file(directory: &Path) -> io::Result<File> {
-    // Dropping the guard removes the name.
-    Partial::create(&directory.join("nameless")).map(|(file, _)| file)
+    // Dropping the guard removes the name, if there is one.
+    Partial::create(directory).map(|(file, _)| file)
 }
 
 /// Removes every partial file of this process, which makes no other from now on: for an exit that runs
@@ -172,41 +174,97 @@ fn directory_of(path: &Path) -> &Path {
     }
 }
 
-/// A partial file; dropping it without `rename` removes it.
+/// A partial file. Dropping it removes its name, which nothing has any more after a rename.
 struct Partial {
-    path: PathBuf,
+    directory: PathBuf,
+    name: Option<PathBuf>,
 }
 
 impl Partial {
-    fn create(target: &Path) -> io::Result<(File, Self)> {
-        loop {
-            let number = NEXT.fetch_add(1, Ordering::Relaxed);
-            let path = directory_of(target).join(format!(".weir-{}-{number}.part", std::process::id()));
-            // Held across the creation, so that an exit in between misses no file.
-            let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
-            match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
-                Ok(file) => {
-                    partial.push(path.clone());
-                    return Ok((file, Self { path }));
-                }
-                // Left by a killed process of the same id.
-                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(e) => return Err(e),
-            }
+    /// In `directory`; without a name, if that can be had.
+    fn create(directory: &Path) -> io::Result<(File, Self)> {
+        let directory = directory.to_path_buf();
+        if let Some(file) = nameless::create(&directory) {
+            return Ok((file, Self { directory, name: None }));
         }
+        let create = |path: &Path| OpenOptions::new().read(true).write(true).create_new(true).open(path);
+        let (file, name) = under_new_name(&directory, create)?;
+        Ok((file, Self { directory, name: Some(name) }))
     }
 
-    fn rename(self, target: &Path) -> io::Result<()> {
-        fs::rename(&self.path, target)
+    /// The name of `file`, which is its own, and which gets one now if it has none.
+    fn name(&mut self, file: &File) -> io::Result<&Path> {
+        let name = match self.name.take() {
+            Some(name) => name,
+            None => under_new_name(&self.directory, |path| nameless::link(file, path))?.1,
+        };
+        Ok(self.name.insert(name))
     }
 }
 
 impl Drop for Partial {
     fn drop(&mut self) {
+        let Some(name) = &self.name else { return };
         let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
-        partial.retain(|path| *path != self.path);
+        partial.retain(|other| other != name);
         // After a rename there is nothing of that name left to remove.
-        let _ = fs::remove_file(&self.path);
+        let _ = fs::remove_file(name);
+    }
+}
+
+/// What `make` makes under a name in `directory` that nothing has.
+fn under_new_name<T>(directory: &Path, make: impl Fn(&Path) -> io::Result<T>) -> io::Result<(T, PathBuf)> {
+    loop {
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let path = directory.join(format!(".weir-{}-{number}.part", std::process::id()));
+        // Held across the making, so that an exit in between misses no file.
+        let mut partial = PARTIAL.lock().unwrap_or_else(PoisonError::into_inner);
+        match make(&path) {
+            Ok(made) => {
+                partial.push(path.clone());
+                return Ok((made, path));
+            }
+            // Left by a killed process of the same id.
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e),
+        }
+    }
+}
+
+/// Files that have no name until they are given one.
+#[cfg(target_os = "linux")]
+mod nameless {
+    use super::{File, Path, PathBuf, fs, io};
+    use rustix::fs::{AtFlags, CWD, Mode, OFlags, linkat, open};
+    use std::os::fd::AsRawFd;
+
+    /// In `directory`; `None` where the file system has none, or the system no way to name them.
+    pub(super) fn create(directory: &Path) -> Option<File> {
+        let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+        let file = File::from(open(directory, flags, Mode::from_raw_mode(0o666)).ok()?);
+        fs::symlink_metadata(by_number(&file)).is_ok().then_some(file)
+    }
+
+    /// Gives `file` a name.
+    pub(super) fn link(file: &File, path: &Path) -> io::Result<()> {
+        Ok(linkat(CWD, by_number(file), CWD, path, AtFlags::SYMLINK_FOLLOW)?)
+    }
+
+    fn by_number(file: &File) -> PathBuf {
+        format!("/proc/self/fd/{}", file.as_raw_fd()).into()
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod nameless {
+    use super::{File, Path, io};
+
+    pub(super) fn create(_: &Path) -> Option<File> {
+        None
+    }
+
+    pub(super) fn link(_: &File, _: &Path) -> io::Result<()> {
+        unreachable!("every file has a name")
     }
 }
 
@@ -265,7 +323,8 @@ mod tests {
             writer.write_all(b"new")?;
             writer.flush()?;
             assert_eq!(fs::read(&path)?, b"old");
-            assert_eq!(names(directory.path()).len(), 2);
+            let part = |name: &String| name.ends_with(".part");
+            assert!(names(directory.path()).iter().all(|name| name == "a.exr" || part(name)));
             Ok(())
         })
         .expect("second write");
