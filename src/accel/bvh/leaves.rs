@@ -144,6 +144,13 @@ fn meet_custom(
     (!scene.passes(object.alpha(reference.geometry), reference.primitive, met, ray)).then_some(met)
 }
 
+/// Of what is no triangle: one a leaf, mostly.
+#[inline(always)]
+fn prefetcher(order: &[Reference]) -> impl Fn(usize, usize) + use<> {
+    let order = order.as_ptr();
+    move |start, _| plain::prefetch(order.wrapping_add(start), 1)
+}
+
 pub(super) struct NearestOther<'s, 'a, const COUNT: bool> {
     pub(super) scene: &'s BvhScene<'a>,
     pub(super) object: &'s Object<'a>,
@@ -155,7 +162,12 @@ pub(super) struct NearestOther<'s, 'a, const COUNT: bool> {
     pub(super) work: &'s mut Work,
 }
 
-impl<const COUNT: bool> Leaves for NearestOther<'_, '_, COUNT> {
+impl<'s, 'a, const COUNT: bool> Leaves for NearestOther<'s, 'a, COUNT> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a, COUNT> {
+        prefetcher(&self.object.order)
+    }
+
     fn visit(&mut self, start: usize, count: usize, _: f32) -> f32 {
         for r in &self.object.order[start..start + count] {
             let t_max = self.best.hit.t;
@@ -197,7 +209,12 @@ pub(super) struct AnyOther<'s, 'a, const COUNT: bool> {
     pub(super) work: &'s mut Work,
 }
 
-impl<const COUNT: bool> Leaves for AnyOther<'_, '_, COUNT> {
+impl<'s, 'a, const COUNT: bool> Leaves for AnyOther<'s, 'a, COUNT> {
+    #[inline(always)]
+    fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a, COUNT> {
+        prefetcher(&self.object.order)
+    }
+
     fn visit(&mut self, start: usize, count: usize, until: f32) -> f32 {
         // What is entered in a part may be hit behind it.
         let t_max = self.ray.t_max;

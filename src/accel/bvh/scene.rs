@@ -10,6 +10,7 @@ use super::memory::Frozen;
 use super::nodes::{Fma, Form, Nodes, traverse_wide};
 use super::page::PageView;
 use super::part::Part;
+use super::plain::prefetch;
 use super::primitives::{Reference, grown, triangles};
 use super::query::{Best, Met, Query, Work, into_object};
 use super::tree::{Block, MAX_STARTS};
@@ -37,6 +38,9 @@ pub(super) struct Object<'a> {
 pub(super) const INSTANCE: u32 = NONE;
 /// In place of a geometry's index: the primitive is a page.
 pub(super) const PAGE: u32 = NONE - 1;
+
+/// Lines of a page that every look reads: its head and its first node.
+const PAGE_HEAD_LINES: usize = 5;
 
 /// An object placed in the world.
 struct Placed {
@@ -204,6 +208,7 @@ impl<'a> BvhScene<'a> {
         let Some(pages) = self.pages.filter(|_| near <= far) else { return };
         let page = object.pages[r.primitive as usize];
         pages.visit(page.1, &mut |bytes| {
+            prefetch(bytes.as_ptr(), PAGE_HEAD_LINES);
             let view = PageView::new(bytes);
             let t_max = best.hit.t;
             let triangles =
@@ -228,6 +233,7 @@ impl<'a> BvhScene<'a> {
         let mut found = false;
         let page = object.pages[r.primitive as usize];
         pages.visit(page.1, &mut |bytes| {
+            prefetch(bytes.as_ptr(), PAGE_HEAD_LINES);
             let view = PageView::new(bytes);
             let triangles =
                 Triangles { scene: self, object, blocks: view.blocks, page: Some(page), ray, query };
@@ -299,6 +305,9 @@ impl<'a> Object<'a> {
         let blocks = into_blocks(&mut nodes, &of_triangles, geometry);
         drop(of_triangles);
         let other_nodes = build(&mut order, BuildSettings::SINGLE);
+        // In the order in which rays ask, so that what is asked for together lies together.
+        let asked = order.iter_mut().filter(|r| r.geometry == PAGE).zip(0u32..);
+        let pages = asked.map(|(r, i)| pages[std::mem::replace(&mut r.primitive, i) as usize]).collect();
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for root in nodes.first().into_iter().chain(other_nodes.first()) {
             lo = lo.min(root.lo.into());
