@@ -20,16 +20,60 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// Pages that an eviction compares, drawn at random: the oldest of them has a seventeenth of all before it on average.
+/// Pages that an eviction compares, drawn at random: the coldest of them has a seventeenth of all before it on average.
 const COMPARED: usize = 16;
-/// Parts of a cache's turnover that its time tells apart: pages that were used within one are alike.
+/// Parts of a cache's turnover that its time tells apart: a page is used in one or is not, however often.
 const AGES: usize = 16;
+/// Of those, after how many a use counts half.
+const HALF: f32 = 6.0;
 
 /// A page's place in the table.
 struct Entry {
     page: ArcSwapOption<Slot>,
-    /// When it was last looked at, in the cache's time.
-    used: AtomicU32,
+    /// How warm it was when it was last looked at, and when that was. Kept while it is away.
+    heat: AtomicU64,
+}
+
+impl Entry {
+    /// It is looked at in `now`.
+    #[inline(always)]
+    fn warm(&self, now: u32) {
+        let heat = Heat::from_bits(self.heat.load(Ordering::Relaxed));
+        if heat.at != now {
+            self.heat.store(heat.warmed(now).to_bits(), Ordering::Relaxed);
+        }
+    }
+}
+
+/// How often a page has been looked at of late: each unit of the cache's time in which it was counts one, and half as much
+/// when [`HALF`] units have passed (Lee et al. 2001, LRFU).
+#[derive(Clone, Copy)]
+struct Heat {
+    at: u32,
+    warmth: f32,
+}
+
+impl Heat {
+    #[inline(always)]
+    fn from_bits(bits: u64) -> Self {
+        Self { at: (bits >> 32) as u32, warmth: f32::from_bits(bits as u32) }
+    }
+
+    #[inline(always)]
+    fn to_bits(self) -> u64 {
+        u64::from(self.at) << 32 | u64::from(self.warmth.to_bits())
+    }
+
+    /// At `now`.
+    fn now(self, now: u32) -> f32 {
+        self.warmth * (-(now.wrapping_sub(self.at) as f32) / HALF).exp2()
+    }
+
+    /// Looked at in `now`.
+    #[cold]
+    fn warmed(self, now: u32) -> Self {
+        Self { at: now, warmth: self.now(now) + 1.0 }
+    }
 }
 
 /// What happens when pages come and go.
@@ -86,7 +130,7 @@ impl PageCache {
     /// Of the pages of `files`, in `budget` bytes.
     pub(super) fn new(files: &PageFiles, budget: u64) -> Self {
         let room = Self::room_in(budget, files);
-        let entry = || Entry { page: ArcSwapOption::empty(), used: AtomicU32::new(0) };
+        let entry = || Entry { page: ArcSwapOption::empty(), heat: AtomicU64::new(0) };
         Self {
             entries: (0..files.pages()).map(|_| entry()).collect(),
             budget: AtomicU64::new(budget),
@@ -146,9 +190,7 @@ impl PageCache {
         let entry = &self.entries[page as usize];
         let now = self.now.load(Ordering::Relaxed);
         // Written only where it changes: the line is every thread's.
-        if entry.used.load(Ordering::Relaxed) != now {
-            entry.used.store(now, Ordering::Relaxed);
-        }
+        entry.warm(now);
         let known = thread.again(page);
         let guard = entry.page.load();
         if let Some(slot) = &*guard
@@ -227,7 +269,7 @@ impl PageCache {
             comings.reads += 1;
             let now = (comings.reads / comings.unit + 1) as u32;
             self.now.store(now, Ordering::Relaxed);
-            entry.used.store(now, Ordering::Relaxed);
+            entry.warm(now);
             comings.loading.remove(&u64::from(page))
         };
         std::mem::forget(abandon);
@@ -281,15 +323,16 @@ impl PageCache {
         let now = self.now.load(Ordering::Relaxed);
         while !comings.resident.is_empty() {
             let Comings { resident, random, .. } = &mut *comings;
-            let age = |at: usize| {
-                now.wrapping_sub(self.entries[resident[at] as usize].used.load(Ordering::Relaxed))
+            let warmth = |at: usize| {
+                let heat = self.entries[resident[at] as usize].heat.load(Ordering::Relaxed);
+                Heat::from_bits(heat).now(now)
             };
             let drawn = (0..COMPARED).map(|_| {
                 // Knuth's multiplier; the high bits are the random ones.
                 *random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
                 (((*random >> 32) * resident.len() as u64) >> 32) as usize
             });
-            let at = drawn.max_by_key(|&at| age(at))?;
+            let at = drawn.min_by(|&a, &b| warmth(a).total_cmp(&warmth(b)))?;
             let page = resident.swap_remove(at);
             let slot = self.entries[page as usize].page.swap(None)?;
             files.residents.went(page);
