@@ -26,7 +26,7 @@ use crate::settings::{Backend, RenderSettings, Schedule};
 use crate::stats::{self, AccountedBytes, RenderStats, SchedulerStats};
 use glam::{Mat3, Vec3};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// A scene that is loaded and built, to be rendered as often as one likes.
@@ -187,6 +187,7 @@ impl Frames<'_, '_> {
             along: buffer.along(),
             buffer,
             samples: AtomicU64::new(before),
+            most_threads: AtomicUsize::new(0),
             first_pixel: OnceLock::new(),
             stopped: AtomicBool::new(false),
             control,
@@ -212,6 +213,7 @@ impl Frames<'_, '_> {
 
         let interrupted = job.stopped.load(Ordering::Relaxed);
         stats.time.render_s = render_s;
+        stats.time.rooms.threads = job.most_threads.load(Ordering::Relaxed);
         stats.time.total_s = start.elapsed().as_secs_f64();
         stats.time.first_pixel_s =
             job.first_pixel.get().map_or(0.0, |t: &Instant| t.duration_since(start).as_secs_f64());

@@ -62,6 +62,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         total_s: _,
         first_pixel_s: _,
         stall_s: _,
+        rooms: _,
     } = *time;
     let ImageStats {
         width: _,

@@ -9,6 +9,7 @@ mod moves;
 mod plan;
 mod process;
 mod references;
+mod rooms;
 mod scheduler;
 mod timeline;
 
@@ -19,9 +20,11 @@ pub use moves::MemoryMove;
 pub use plan::{EffectStats, PlanBytes, PlanMemory, PlanStats};
 pub use process::{available_memory_bytes, nanoseconds, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
 pub use references::{References, SAMPLES};
+pub use rooms::RoomTimes;
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
 pub use timeline::{Gauge, MemorySample, MemoryWatch};
 
+use crate::clock::Nanoseconds;
 use serde::{Deserialize, Serialize};
 
 /// Counters of one thread. A thread owns its copy and nobody else writes it, so they are plain
@@ -39,18 +42,21 @@ pub struct Counters {
     pub occluded: u64,
     /// Processor time spent working, in nanoseconds.
     pub busy_nanoseconds: u64,
+    /// Time by room of the code.
+    pub rooms: Nanoseconds,
 }
 
 impl Counters {
     /// Adds another thread's counters.
     pub fn merge(&mut self, other: &Self) {
         // Destructured, so that a new counter breaks the build until it is merged.
-        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds } = *other;
+        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds, rooms } = *other;
         self.samples += samples;
         self.non_finite_samples += non_finite_samples;
         self.closest += closest;
         self.occluded += occluded;
         self.busy_nanoseconds += busy_nanoseconds;
+        self.rooms.iter_mut().zip(rooms).for_each(|(sum, spent)| *sum += spent);
     }
 }
 
@@ -151,6 +157,8 @@ pub struct TimeStats {
     pub first_pixel_s: f64,
     /// Threads waiting for tiles of textures that others read, or for room for them, summed.
     pub stall_s: f64,
+    /// What threads did while rendering.
+    pub rooms: RoomTimes,
 }
 
 /// The image.
@@ -249,10 +257,11 @@ impl AccountedBytes {
 }
 
 impl RenderStats {
-    /// Fills in what follows from merged counters and from `time.render_s`, `threads` and
+    /// Fills in what follows from merged counters and from `time.render_s`, `threads`, `time.rooms.threads` and
     /// `memory.peak_accounted`, which must be set before; reads the process's peak memory.
     pub fn finish(&mut self, counters: &Counters) {
-        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds } = *counters;
+        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds, rooms } = *counters;
+        self.time.rooms = RoomTimes::new(self.time.rooms.threads, &rooms);
         self.image.samples = samples;
         self.image.non_finite_samples = non_finite_samples;
         self.rays = RayStats {
@@ -294,11 +303,17 @@ mod tests {
 
     #[test]
     fn merging_adds_every_counter() {
-        let a = Counters { samples: 1, non_finite_samples: 2, closest: 3, occluded: 4, busy_nanoseconds: 5 };
+        let times = |n: u64| Counters {
+            samples: n,
+            non_finite_samples: 2 * n,
+            closest: 3 * n,
+            occluded: 4 * n,
+            busy_nanoseconds: 5 * n,
+            rooms: std::array::from_fn(|i| (6 + i as u64) * n),
+        };
+        let (a, twice) = (times(1), times(2));
         let mut sum = a;
         sum.merge(&a);
-        let twice =
-            Counters { samples: 2, non_finite_samples: 4, closest: 6, occluded: 8, busy_nanoseconds: 10 };
         assert_eq!(sum, twice);
     }
 
@@ -313,6 +328,7 @@ mod tests {
             closest: 3000,
             occluded: 1000,
             busy_nanoseconds: 6_000_000_000,
+            ..Counters::default()
         };
         stats.finish(&counters);
         assert_eq!(stats.busy, 0.75);

@@ -40,6 +40,7 @@ mod plan;
 #[cfg(unix)]
 mod plan_memory;
 mod report_page;
+mod rooms;
 mod texture_files;
 mod textures;
 #[cfg(unix)]

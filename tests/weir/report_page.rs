@@ -55,6 +55,7 @@ fn the_pages_numbers_are_the_records() {
     assert!(keyed > 60 && rows > 20, "{keyed} numbers, {rows} rows");
     for id in [
         "time-phases",
+        "time-rooms",
         "memory",
         "texture-file",
         "texture-level",
