@@ -1,6 +1,7 @@
 //! The progress bar: on stderr, only when that is a terminal. Workers call [`Bar::update`], so it
 //! costs them an atomic store most times and never waits for the terminal.
 
+use crate::cli::note;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -46,8 +47,9 @@ impl Bar {
     }
 
     /// A phase that begins, or samples done. From any thread.
-    pub(super) fn update(&self, progress: Progress) {
+    pub(super) fn update(&self, progress: Progress<'_>) {
         match progress {
+            Progress::Warning(line) => self.bar.suspend(|| note(line)),
             Progress::Phase(name) => self.bar.set_message(name),
             Progress::Converting { done, total } => {
                 let percent = done as f64 / total.max(1) as f64 * 100.0;
