@@ -47,6 +47,15 @@ pub enum Progress<'a> {
         /// To do.
         total: u64,
     },
+    /// Regions that have few enough errors or as many samples as they may, of how many; of rounds that decide who goes on.
+    Regions {
+        /// They get no more, unless one beside them turns out to be noisy.
+        done: u64,
+        /// All.
+        total: u64,
+        /// Camera samples so far.
+        samples: u64,
+    },
     /// A line that a person should read now, and not only when all is done.
     Warning(&'a str),
     /// Camera samples done, of how many.

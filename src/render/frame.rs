@@ -187,6 +187,7 @@ impl Frames<'_, '_> {
             along: buffer.along(),
             buffer,
             samples: AtomicU64::new(before),
+            regions_left: AtomicU64::new(0),
             most_threads: AtomicUsize::new(0),
             first_pixel: OnceLock::new(),
             stopped: AtomicBool::new(false),

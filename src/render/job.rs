@@ -62,6 +62,8 @@ pub(super) struct Job<'a, A: ?Sized> {
     /// Film tiles along a curve that keeps neighbours together.
     pub(super) along: Vec<u32>,
     pub(super) samples: AtomicU64,
+    /// Tiles that the round is about.
+    pub(super) regions_left: AtomicU64,
     /// Threads that worked together, at most.
     pub(super) most_threads: AtomicUsize,
     pub(super) first_pixel: OnceLock<Instant>,
@@ -99,8 +101,21 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             if self.should_stop() {
                 break;
             }
+            self.regions_left.store(round.tiles(), Ordering::Relaxed);
+            self.say_progress(self.samples.load(Ordering::Relaxed));
             work(Some(&round));
         }
+    }
+
+    /// Says how far it is: where nobody knows how many samples there will be, in regions that are done.
+    fn say_progress(&self, done: u64) {
+        let total = u64::from(self.buffer.tile_count());
+        (self.control.progress)(if self.rounds.as_ref().is_some_and(Rounds::by_error) {
+            let left = self.regions_left.load(Ordering::Relaxed);
+            Progress::Regions { done: total.saturating_sub(left), total, samples: done }
+        } else {
+            Progress::Samples { done, total: self.total_samples() }
+        });
     }
 
     /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand; what they count.
@@ -208,7 +223,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
         // A few times a second at most.
         if done >> 16 != (done - samples) >> 16 {
-            (self.control.progress)(Progress::Samples { done, total: self.total_samples() });
+            self.say_progress(done);
         }
     }
 

@@ -295,3 +295,37 @@ fn a_checkpoint_that_fails_is_said_when_it_fails_and_once() {
     );
     assert!(outcome.unsaved.is_some_and(|line| said[0].contains(&line)), "and again at the end");
 }
+
+#[test]
+fn under_noise_progress_is_told_in_regions() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.pbrt");
+    let scene = weir::scene::load(&scene).unwrap_or_else(|e| panic!("{e}"));
+    for (threads, schedule) in [(1, Schedule::Depth), (3, Schedule::Sorted)] {
+        let settings = RenderSettings {
+            size: Some((64, 60)),
+            noise: Some(0.1),
+            threads: Some(threads),
+            schedule,
+            ..RenderSettings::default()
+        };
+        let told = Mutex::new(Vec::new());
+        let progress = |progress: Progress<'_>| match progress {
+            Progress::Regions { done, total, samples } => {
+                told.lock().expect("whole").push((done, total, samples));
+            }
+            Progress::Samples { .. } => panic!("of samples nobody knows how many there will be"),
+            _ => {}
+        };
+        let control = Control { cancel: &AtomicBool::new(false), progress: &progress, watch: None };
+        let outcome = weir::render::render(&scene, &settings, &control).unwrap_or_else(|e| panic!("{e}"));
+        let told = told.into_inner().expect("whole");
+        let [width, height] = outcome.stats.settings.full_size;
+        let tiles = u64::from(width.div_ceil(8) * height.div_ceil(8));
+        assert!(told.iter().all(|&(done, total, _)| total == tiles && done < total), "{told:?}");
+        // The first rounds are about all, the last about few.
+        assert_eq!(told.first(), Some(&(0, tiles, 0)));
+        assert!(told.last().is_some_and(|&(done, ..)| done > tiles / 4), "{told:?}");
+        let samples = outcome.stats.image.samples;
+        assert!(told.iter().all(|&(.., n)| n <= samples), "{samples}: {told:?}");
+    }
+}
