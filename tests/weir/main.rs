@@ -32,6 +32,8 @@ mod cost;
 mod embree_abi;
 mod generate;
 mod hard;
+#[cfg(unix)]
+mod limits;
 mod made;
 mod order;
 mod page;
