@@ -241,7 +241,7 @@ impl Frames<'_, '_> {
             seed: job.seed,
             max_depth: world.max_depth,
             roulette: settings.roulette.unwrap_or(true),
-            robust: settings.robust,
+            robust: settings.robust && plan.backend == Backend::Embree,
             strict: settings.strict,
             time_limit_s: settings.time_limit_seconds,
             noise: settings.noise,
@@ -310,6 +310,12 @@ impl Frames<'_, '_> {
                 settings.backend.name(),
                 plan.backend.name()
             ));
+        }
+        if settings.robust && plan.backend == Backend::Native {
+            notes.push(
+                "--robust is a mode of Embree: the native hierarchy has no other, and lets no ray slip"
+                    .to_owned(),
+            );
         }
         let mut image = Image::cropped(film.size, film.crop);
         image.pixels = job.buffer.resolve();
