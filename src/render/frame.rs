@@ -16,6 +16,7 @@ use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image, Keeps};
+use crate::geometry::made::DEFAULT_EDGE_PIXELS;
 use crate::geometry::pages::PageStore;
 use crate::geometry::{Needs, SceneGeometry};
 use crate::integrator::lights::Lights;
@@ -240,6 +241,8 @@ impl Frames<'_, '_> {
             spp,
             seed: job.seed,
             max_depth: world.max_depth,
+            sampler: settings.sampler.name().to_owned(),
+            estimator: settings.estimator.name().to_owned(),
             roulette: settings.roulette.unwrap_or(true),
             robust: settings.robust && plan.backend == Backend::Embree,
             strict: settings.strict,
@@ -247,8 +250,12 @@ impl Frames<'_, '_> {
             noise: settings.noise,
             crop: film.crop,
             full_size: [film.size.0, film.size.1],
+            memory: settings.memory,
             texture_memory: settings.texture_memory,
             geometry_memory: settings.geometry_memory,
+            texture_filter: settings.texture_filter.map(|filter| filter.name().to_owned()),
+            footprint_spp: settings.footprint_spp.unwrap_or(spp).max(1),
+            tessellation: settings.tessellation.unwrap_or(DEFAULT_EDGE_PIXELS),
             texture_latency_s: settings.texture_latency_seconds,
         };
         stats.memory.accounted = AccountedBytes {

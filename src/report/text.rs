@@ -75,6 +75,12 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         interrupted,
     } = stats;
     let on_off = |on: bool| if on { "on" } else { "off" };
+    // What is as always, or stands in no record of before, is not worth a word.
+    let unless = |usual: &str, what: &str, value: &str| match value {
+        "" => String::new(),
+        value if value == usual => String::new(),
+        value => format!(", {what} {value}"),
+    };
     let known = |size: Option<u64>| size.map_or("unknown".to_owned(), bytes);
     writeln!(out, "{scene}, rendered by weir {weir}")?;
     if *interrupted {
@@ -93,12 +99,14 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     write_error(stats, out)?;
     writeln!(
         out,
-        "settings  backend {}{}, depth {}, roulette {}, seed {}{}",
+        "settings  backend {}{}, depth {}, roulette {}, seed {}{}{}{}",
         settings.backend,
         if settings.robust { " (robust)" } else { "" },
         settings.max_depth,
         on_off(settings.roulette),
         settings.seed,
+        unless("sobol", "sampler", &settings.sampler),
+        unless("both", "direct light by", &settings.estimator),
         settings.time_limit_s.map(|s| format!(", at most {}", seconds(s))).unwrap_or_default()
     )?;
     writeln!(
@@ -334,6 +342,7 @@ mod tests {
         assert!(!text(&stats).contains("rooms"), "a record of before");
         stats.time.rooms = RoomTimes { threads: 2, shade_s: 1.5, idle_s: 0.25, ..RoomTimes::default() };
         stats.rays.per_second = 12.3e6;
+        (stats.settings.sampler, stats.settings.estimator) = ("sobol".to_owned(), "lights".to_owned());
         let text = text(&stats);
         for needed in [
             "a.pbrt",
@@ -342,6 +351,7 @@ mod tests {
             "12.3 M rays/s",
             "budget none",
             "rooms     of 2 threads: shading 1.50 s, idle 0.250 s\n",
+            "seed 0, direct light by lights\n",
         ] {
             assert!(text.contains(needed), "{needed} is missing in:\n{text}");
         }

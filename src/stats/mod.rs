@@ -11,6 +11,7 @@ mod process;
 mod references;
 mod rooms;
 mod scheduler;
+mod settings;
 mod timeline;
 
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
@@ -22,6 +23,7 @@ pub use process::{available_memory_bytes, nanoseconds, peak_rss_bytes, rss_bytes
 pub use references::{References, SAMPLES};
 pub use rooms::RoomTimes;
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
+pub use settings::EffectiveSettings;
 pub use timeline::{Gauge, MemorySample, MemoryWatch};
 
 use crate::clock::Nanoseconds;
@@ -99,40 +101,6 @@ pub struct RenderStats {
     pub busy: f64,
     /// Whether it was stopped before its last sample.
     pub interrupted: bool,
-}
-
-/// Settings in force during a render.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct EffectiveSettings {
-    /// Which library traversed.
-    pub backend: String,
-    /// Samples per pixel asked for.
-    pub spp: u32,
-    /// Seed.
-    pub seed: u64,
-    /// Scattering events.
-    pub max_depth: u32,
-    /// Russian roulette.
-    pub roulette: bool,
-    /// Embree's robust mode.
-    pub robust: bool,
-    /// Warnings were errors.
-    pub strict: bool,
-    /// Limit on the rendering time.
-    pub time_limit_s: Option<f64>,
-    /// Relative error at which regions stop; `None` when none was asked for.
-    pub noise: Option<f64>,
-    /// Crop window x0, y0, x1, y1 (exclusive) in the full frame.
-    pub crop: [u32; 4],
-    /// Full frame.
-    pub full_size: [u32; 2],
-    /// Bytes of textures that were asked to be in memory at most; `None` when nothing was asked.
-    pub texture_memory: Option<u64>,
-    /// Bytes of geometry that were asked to be in memory at most; `None` when nothing was asked.
-    pub geometry_memory: Option<u64>,
-    /// Least time that a read of a texture tile took.
-    pub texture_latency_s: f64,
 }
 
 /// Seconds of wall time.
