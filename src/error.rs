@@ -2,6 +2,7 @@
 //! `file:line:column: what is wrong; what would be right`. A panic means our own bug.
 
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -53,7 +54,7 @@ pub enum Error {
     #[error("{0}")]
     Usage(String),
     /// A file could not be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}{}", path.display(), help(source))]
     Io {
         /// The file.
         path: PathBuf,
@@ -66,6 +67,14 @@ pub enum Error {
     /// A person stopped it before there was anything to write.
     #[error("interrupted: nothing is written")]
     Interrupted,
+}
+
+/// What would be right, where the system does not say it.
+fn help(source: &std::io::Error) -> &'static str {
+    match source.kind() {
+        ErrorKind::FileTooLarge => "; raise the limit on file sizes (ulimit -f)",
+        _ => "",
+    }
 }
 
 /// The crate's result.
@@ -93,7 +102,10 @@ impl Error {
         match self {
             Self::Input { .. } | Self::Usage(_) => 2,
             Self::Io { source, .. } => match source.kind() {
-                std::io::ErrorKind::StorageFull | std::io::ErrorKind::OutOfMemory => 3,
+                ErrorKind::StorageFull
+                | ErrorKind::QuotaExceeded
+                | ErrorKind::FileTooLarge
+                | ErrorKind::OutOfMemory => 3,
                 _ => 2,
             },
             Self::Resource(_) => 3,

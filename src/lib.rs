@@ -4,6 +4,7 @@
 //! import which. This file only opens the doors.
 
 pub mod accel;
+pub mod clock;
 pub mod color;
 pub mod error;
 pub mod film;

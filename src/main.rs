@@ -8,6 +8,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     cli::report_panics_in_one_line();
+    cli::take_full_files_for_errors();
     let result = cli::parse(std::env::args_os()).and_then(|command| match command {
         Command::Render(options) => render::run(&options),
         Command::Plan(options) => plan::run(&options),

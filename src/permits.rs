@@ -5,6 +5,7 @@
 //! nobody reads what may have to come from a disk while holding a lock: who lends gets its permit back only when another
 //! gives one up, and that one may be waiting for the lock.
 
+use crate::clock::{Room, enter};
 use std::cell::RefCell;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -49,21 +50,31 @@ impl Permits {
                 }
             }
         }
+        let before = enter(Room::Turn);
         self.take();
+        enter(before);
         HELD.set(Some(Arc::clone(self)));
         let _back = Back;
         work()
     }
 }
 
-/// Lends this thread's permit, if it has one, while `wait` runs.
+/// Lends this thread's permit, if it has one, while `wait` runs, whose time counts in `room`.
 #[inline]
-pub fn lend<R>(wait: impl FnOnce() -> R) -> R {
-    let Some(permits) = HELD.take() else { return wait() };
-    permits.give();
-    let result = wait();
-    permits.take();
-    HELD.set(Some(permits));
+pub fn lend<R>(room: Room, wait: impl FnOnce() -> R) -> R {
+    let before = enter(room);
+    let result = match HELD.take() {
+        None => wait(),
+        Some(permits) => {
+            permits.give();
+            let result = wait();
+            enter(Room::Turn);
+            permits.take();
+            HELD.set(Some(permits));
+            result
+        }
+    };
+    enter(before);
     result
 }
 
@@ -100,7 +111,7 @@ impl<T: Clone> Promise<T> {
 
     /// What was made, when it is there; `None` when its maker gave up. Lends this thread's permit meanwhile.
     pub fn wait(&self) -> Option<T> {
-        lend(|| {
+        lend(Room::Idle, || {
             let mut state = lock(&self.state);
             loop {
                 if let State::Kept(made) = &*state {
@@ -134,7 +145,7 @@ mod tests {
                     permits.hold(|| {
                         for _ in 0..10 {
                             during(&computing, &most);
-                            lend(|| during(&waiting, &most_waiting));
+                            lend(Room::Idle, || during(&waiting, &most_waiting));
                         }
                     });
                 });

@@ -30,14 +30,14 @@ pub struct Control<'a> {
     /// Set to stop at the next tile; what is done by then is the image.
     pub cancel: &'a AtomicBool,
     /// Told about progress, from any thread, a few times a second at most.
-    pub progress: &'a (dyn Fn(Progress) + Sync),
+    pub progress: &'a (dyn Fn(Progress<'_>) + Sync),
     /// Told what memory to look at, if anybody wants it over time.
     pub watch: Option<&'a MemoryWatch>,
 }
 
 /// What is going on.
 #[derive(Clone, Copy, Debug)]
-pub enum Progress {
+pub enum Progress<'a> {
     /// A phase begins.
     Phase(&'static str),
     /// Bytes of tiled texture copies made, of how many.
@@ -47,6 +47,17 @@ pub enum Progress {
         /// To do.
         total: u64,
     },
+    /// Regions that have few enough errors or as many samples as they may, of how many; of rounds that decide who goes on.
+    Regions {
+        /// They get no more, unless one beside them turns out to be noisy.
+        done: u64,
+        /// All.
+        total: u64,
+        /// Camera samples so far.
+        samples: u64,
+    },
+    /// A line that a person should read now, and not only when all is done.
+    Warning(&'a str),
     /// Camera samples done, of how many.
     Samples {
         /// Done.

@@ -18,6 +18,7 @@ mod values;
 
 use clap::Parser;
 use clap::error::ErrorKind;
+use nix::sys::signal::{SigSet, Signal};
 use std::ffi::OsString;
 use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
@@ -224,6 +225,15 @@ pub(crate) fn exit_code(result: Result<End>) -> ExitCode {
             ExitCode::from(e.exit_code())
         }
     }
+}
+
+/// Makes a write beyond the limit on file sizes (`ulimit -f`) an error, as on a full disk, where SIGXFSZ would end the
+/// program and leave half a file. To be called before there is another thread: threads inherit what is blocked.
+pub(crate) fn take_full_files_for_errors() {
+    let mut signals = SigSet::empty();
+    signals.add(Signal::SIGXFSZ);
+    // Where it cannot be blocked it does what it did.
+    let _ = signals.thread_block();
 }
 
 /// A panic is our bug: one line that can be reported, and Rust's own exit code 101.

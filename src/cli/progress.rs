@@ -1,10 +1,12 @@
 //! The progress bar: on stderr, only when that is a terminal. Workers call [`Bar::update`], so it
 //! costs them an atomic store most times and never waits for the terminal.
 
+use crate::cli::note;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
-use std::sync::Once;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Once};
 use std::time::Duration;
 use weir::render::Progress;
 use weir::report::{count, seconds};
@@ -19,6 +21,8 @@ pub(super) struct Bar {
     time_limit_seconds: Option<f64>,
     /// What is counted.
     unit: &'static str,
+    /// So far, where the bar counts regions.
+    samples: Arc<AtomicU64>,
     sampling: Once,
 }
 
@@ -32,7 +36,7 @@ impl Bar {
         if shown {
             bar.enable_steady_tick(REDRAW);
         }
-        Self { bar, time_limit_seconds, unit: "samples", sampling: Once::new() }
+        Self { bar, time_limit_seconds, unit: "samples", samples: Arc::default(), sampling: Once::new() }
     }
 
     /// A bar that counts something else than samples.
@@ -46,21 +50,41 @@ impl Bar {
     }
 
     /// A phase that begins, or samples done. From any thread.
-    pub(super) fn update(&self, progress: Progress) {
+    pub(super) fn update(&self, progress: Progress<'_>) {
         match progress {
+            Progress::Warning(line) => self.bar.suspend(|| note(line)),
             Progress::Phase(name) => self.bar.set_message(name),
             Progress::Converting { done, total } => {
                 let percent = done as f64 / total.max(1) as f64 * 100.0;
                 self.bar.set_message(format!("making tiled copies of textures: {percent:.0} %"));
             }
             Progress::Samples { done, total } => self.update_count(done, total),
+            Progress::Regions { done, total, samples } => self.update_regions(done, total, samples),
         }
     }
 
     /// So much done of so much. From any thread.
     pub(super) fn update_count(&self, done: u64, total: u64) {
+        let (limit, unit) = (self.time_limit_seconds, self.unit);
+        self.begin(total, move |at| line(at, unit, limit));
+        // Threads may report in another order than they counted.
+        if done > self.bar.position() {
+            self.bar.set_position(done);
+        }
+    }
+
+    /// So many regions done of so many, and samples so far. From any thread.
+    fn update_regions(&self, done: u64, total: u64, samples: u64) {
+        let (limit, counted) = (self.time_limit_seconds, Arc::clone(&self.samples));
+        self.begin(total, move |at| region_line(at, counted.load(Ordering::Relaxed), limit));
+        self.samples.fetch_max(samples, Ordering::Relaxed);
+        // Not always more than before: what lies beside a noisy region may have to go on.
+        self.bar.set_position(done);
+    }
+
+    /// From now on shows what `line` says.
+    fn begin(&self, total: u64, line: impl Fn(At) -> String + Clone + Send + Sync + 'static) {
         self.sampling.call_once(|| {
-            let (limit, unit) = (self.time_limit_seconds, self.unit);
             let style = template("{line}");
             let style = style.with_key("line", move |state: &ProgressState, out: &mut dyn Write| {
                 let at = At {
@@ -69,16 +93,12 @@ impl Bar {
                     elapsed: state.elapsed().as_secs_f64(),
                 };
                 // A bar that cannot be formatted is not worth an error.
-                let _ = out.write_str(&line(at, unit, limit));
+                let _ = out.write_str(&line(at));
             });
             self.bar.set_length(total);
             self.bar.reset_elapsed();
             self.bar.set_style(style);
         });
-        // Threads may report in another order than they counted.
-        if done > self.bar.position() {
-            self.bar.set_position(done);
-        }
     }
 
     /// Leaves the terminal as it was.
@@ -101,27 +121,48 @@ struct At {
 
 /// Bar, percentage, rate and time left: of the samples or of the time limit, whichever ends first.
 fn line(at: At, unit: &str, time_limit_seconds: Option<f64>) -> String {
-    let by_samples = if at.total > 0 { at.done as f64 / at.total as f64 } else { 0.0 };
+    let by_samples = share(at);
     let by_time = time_limit_seconds.map_or(0.0, |limit| at.elapsed / limit);
     let fraction = by_samples.max(by_time).min(1.0);
-    let filled = (fraction * BAR_WIDTH as f64) as usize;
-    let rate = if at.elapsed > 0.0 { at.done as f64 / at.elapsed } else { 0.0 };
-    let left = if fraction > 0.0 {
-        // Whole seconds: an estimate has no more.
-        match (at.elapsed / fraction - at.elapsed).max(0.0).ceil() {
-            short if short < 60.0 => format!("{short} s left"),
-            long => format!("{} left", seconds(long)),
-        }
-    } else {
-        String::new()
-    };
+    let left =
+        if fraction > 0.0 { time_left(at.elapsed / fraction - at.elapsed) + " left" } else { String::new() };
+    format!("{}  {} {unit}/s  {left}", drawn(fraction), count(rate(at.done, at)))
+}
+
+/// Regions that are done, rate, and what there is so far. How long it takes nobody knows: the regions that are left are
+/// those that take longest. A limit of time is known.
+fn region_line(at: At, samples: u64, time_limit_seconds: Option<f64>) -> String {
+    let left = time_limit_seconds.map(|limit| format!(", at most {} left", time_left(limit - at.elapsed)));
     format!(
-        "[{}{}] {:3.0} %  {} {unit}/s  {left}",
-        "=".repeat(filled),
-        " ".repeat(BAR_WIDTH - filled),
-        (fraction * 100.0).floor(),
-        count(rate)
+        "{} of regions done  {} samples/s, {} so far{}",
+        drawn(share(at).min(1.0)),
+        count(rate(samples, at)),
+        count(samples as f64),
+        left.unwrap_or_default()
     )
+}
+
+fn share(at: At) -> f64 {
+    if at.total > 0 { at.done as f64 / at.total as f64 } else { 0.0 }
+}
+
+fn rate(done: u64, at: At) -> f64 {
+    if at.elapsed > 0.0 { done as f64 / at.elapsed } else { 0.0 }
+}
+
+/// Whole seconds: an estimate has no more.
+fn time_left(left: f64) -> String {
+    match left.max(0.0).ceil() {
+        short if short < 60.0 => format!("{short} s"),
+        long => seconds(long),
+    }
+}
+
+/// A bar and its percentage.
+fn drawn(fraction: f64) -> String {
+    let filled = (fraction * BAR_WIDTH as f64) as usize;
+    let (full, empty) = ("=".repeat(filled), " ".repeat(BAR_WIDTH - filled));
+    format!("[{full}{empty}] {:3.0} %", (fraction * 100.0).floor())
 }
 
 #[cfg(test)]
@@ -138,5 +179,22 @@ mod tests {
         // Past its end, and before its beginning.
         assert!(line(At { done: 9, total: 3, elapsed: 1.0 }, "samples", Some(0.1)).contains("100 %"));
         assert!(line(At { done: 0, total: 0, elapsed: 0.0 }, "samples", None).contains("  0 %  0 samples/s"));
+    }
+
+    #[test]
+    fn regions_are_counted_where_samples_have_no_end() {
+        let at = At { done: 150, total: 600, elapsed: 5.0 };
+        let text = region_line(at, 2_500_000, None);
+        assert_eq!(text, "[======                  ]  25 % of regions done  500 k samples/s, 2.50 M so far");
+        let text = region_line(at, 2_500_000, Some(95.0));
+        assert!(text.ends_with("2.50 M so far, at most 1 min 30 s left"), "{text}");
+        assert!(region_line(At { done: 0, total: 0, elapsed: 0.0 }, 0, None).contains("  0 % of regions"));
+
+        let bar = Bar::new(false, None);
+        for (done, samples, shown) in [(10, 500, 500), (30, 400, 500), (20, 900, 900)] {
+            bar.update(Progress::Regions { done, total: 40, samples });
+            assert_eq!((bar.bar.position(), bar.bar.length()), (done, Some(40)));
+            assert_eq!(bar.samples.load(Ordering::Relaxed), shown, "never fewer than before");
+        }
     }
 }

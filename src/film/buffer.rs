@@ -4,6 +4,7 @@
 //! Invariant: a film that keeps more than sums has the same sums.
 
 use super::kept::{Keeps, Kept, Progress};
+use crate::clock::Room;
 use crate::permits;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};
@@ -123,7 +124,7 @@ impl FilmBuffer {
             }
             // Whoever comes before may want the permit.
             tries += 1;
-            permits::lend(|| match tries {
+            permits::lend(Room::Idle, || match tries {
                 ..100 => std::thread::yield_now(),
                 _ => std::thread::sleep(PATIENCE),
             });

@@ -115,14 +115,17 @@ fn write_exr(out: &mut BufWriter<File>, image: &Image, attributes: &[(String, At
 ///
 /// # Errors
 /// Those of `out`.
-pub fn encode_png(out: impl Write, image: &Image) -> io::Result<()> {
+pub fn encode_png(mut out: impl Write, image: &Image) -> io::Result<()> {
     let bytes: Vec<u8> = image.pixels.iter().flatten().map(|&c| linear_to_byte(c)).collect();
-    image::codecs::png::PngEncoder::new(out)
+    // In memory first: why something could not be written the encoder tells in words alone.
+    let mut png = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut png)
         .write_image(&bytes, image.width, image.height, image::ExtendedColorType::Rgb8)
         .map_err(|e| match e {
             image::ImageError::IoError(e) => e,
             other => io::Error::other(other.to_string()),
-        })
+        })?;
+    out.write_all(&png)
 }
 
 /// A negative scale says little-endian; rows from the bottom (Debevec's format).

@@ -8,6 +8,7 @@ use super::kernel::Kernel;
 use super::path::{Path, Shadow, Wave, World};
 use super::units::{Film, SAMPLE_BITS, UNIT, UNIT_PIECES, Unit, Units};
 use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::clock::{Room, enter};
 use crate::color::Rgb;
 use crate::permits::lock;
 use crate::schedule::{Fresh, PIECE_BYTES, Piece, Sink, Traveller};
@@ -120,6 +121,7 @@ impl<'b, 'a, A: Accel + ?Sized, K: Kernel> Shader<'b, 'a, A, K> {
 
     /// Shades what was met, in the order of depths, surfaces and places on them.
     fn shade(&mut self, fresh: &mut Fresh<Flight<K>, Probe>) {
+        enter(Room::Queues);
         self.order.clear();
         let key = |(flight, hit): &(Flight<K>, Hit)| {
             // Where geometry comes and goes, by page; else by triangle, whose neighbours have similar numbers.
@@ -149,6 +151,7 @@ impl<'b, 'a, A: Accel + ?Sized, K: Kernel> Shader<'b, 'a, A, K> {
 
     fn shade_wave(&mut self, order: &[(u64, u32)], depth: u32, fresh: &mut Fresh<Flight<K>, Probe>) {
         let Self { world, units, wave, slots, met, counters, film, .. } = self;
+        enter(if K::MEDIA && world.has_interfaces { Room::TraceClosest } else { Room::Shade });
         slots.clear();
         wave.paths.clear();
         wave.hits.clear();
@@ -165,6 +168,9 @@ impl<'b, 'a, A: Accel + ?Sized, K: Kernel> Shader<'b, 'a, A, K> {
         wave.radiance.clear();
         wave.radiance.resize(slots.len(), Rgb::ZERO);
         world.shade_wave(wave, depth);
+        // Light is followed through media at once, and a path's last ray is held against what emits.
+        let tests = K::MEDIA || depth + 1 >= world.max_depth;
+        enter(if tests { Room::TraceOcclusion } else { Room::Queues });
 
         // Of each path: its light sample, and whether it goes on. Both lists keep the order of paths.
         let (mut paths, mut shadows) = (wave.paths.iter().peekable(), wave.shadows.iter().peekable());
@@ -202,6 +208,7 @@ impl<'b, 'a, A: Accel + ?Sized, K: Kernel> Shader<'b, 'a, A, K> {
                 }
             });
         }
+        enter(Room::Queues);
         units.paths.fetch_sub(ended, Ordering::Relaxed);
     }
 }
@@ -257,6 +264,7 @@ impl<A: Accel + ?Sized, K: Kernel> Sink<Flight<K>, Probe> for Shader<'_, '_, A, 
             .next
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |next| (next < count).then_some(next + 1));
         let Ok(unit) = taken else { return Some(pieces) };
+        enter(Room::Camera);
         self.weights.clear();
         self.wave.paths.clear();
         self.film.start(unit, &mut self.wave, &mut self.weights);

@@ -6,6 +6,7 @@
 //! Depth counts scattering events, as in pbrt-v4 (4th ed., §13.4).
 
 use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::clock::{Room, enter};
 use crate::color::Rgb;
 use crate::geometry::{Needs, Surfaces};
 use crate::integrator::camera::{Camera, CameraRay};
@@ -293,6 +294,7 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// Finds what every path's ray meets, passing interfaces.
     #[inline(always)]
     fn trace<K: Kernel>(&self, wave: &mut Wave<K>, counters: &mut Counters) {
+        enter(Room::TraceClosest);
         let hits = &mut wave.hits[..wave.paths.len()];
         counters.closest += hits.len() as u64;
         for (path, hit) in wave.paths.iter().zip(&mut *hits) {
@@ -308,6 +310,7 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// Adds the light samples that nothing occludes.
     #[inline(always)]
     fn connect<K: Kernel>(&self, wave: &mut Wave<K>, counters: &mut Counters) {
+        enter(Room::TraceOcclusion);
         counters.occluded += wave.shadows.len() as u64;
         for shadow in &wave.shadows {
             let transmitted = if K::MEDIA && (self.has_interfaces || K::medium(shadow.medium) != NONE) {
@@ -326,6 +329,7 @@ impl<'a, A: Accel + ?Sized> World<'a, A> {
     /// no more than whether the sky is open. Same picture, fewer nodes.
     #[inline(always)]
     fn last_step<K: Kernel>(&self, wave: &mut Wave<K>, counters: &mut Counters) {
+        enter(Room::TraceOcclusion);
         let sky = self.lights.has_background();
         if !(K::MEDIA && self.has_interfaces) {
             let mut kept = 0;

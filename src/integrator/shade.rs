@@ -13,6 +13,7 @@ use super::materials::Scattering;
 use super::media::cross;
 use super::path::{Path, Shadow, SurfaceShading, Wave, World};
 use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::clock::{Room, enter};
 use crate::color::Rgb;
 use crate::geometry::{Needs, SurfacePoint, offset_origin};
 use crate::math::Frame;
@@ -29,6 +30,7 @@ impl<A: Accel + ?Sized> World<'_, A> {
     /// Turns hits into radiance, shadow rays and next rays; keeps the paths that go on, in order.
     #[inline(always)]
     pub(super) fn shade<K: Kernel>(&self, wave: &mut Wave<K>, depth: u32) {
+        enter(Room::Shade);
         let Wave { paths, hits, shadows, radiance, .. } = wave;
         let hits = &hits[..paths.len()];
         shadows.clear();

@@ -16,6 +16,7 @@ use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::{Error, Result};
 use crate::film::{FilmBuffer, FilterSampler, Image, Keeps};
+use crate::geometry::made::DEFAULT_EDGE_PIXELS;
 use crate::geometry::pages::PageStore;
 use crate::geometry::{Needs, SceneGeometry};
 use crate::integrator::lights::Lights;
@@ -26,7 +27,7 @@ use crate::settings::{Backend, RenderSettings, Schedule};
 use crate::stats::{self, AccountedBytes, RenderStats, SchedulerStats};
 use glam::{Mat3, Vec3};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// A scene that is loaded and built, to be rendered as often as one likes.
@@ -187,6 +188,8 @@ impl Frames<'_, '_> {
             along: buffer.along(),
             buffer,
             samples: AtomicU64::new(before),
+            regions_left: AtomicU64::new(0),
+            most_threads: AtomicUsize::new(0),
             first_pixel: OnceLock::new(),
             stopped: AtomicBool::new(false),
             control,
@@ -212,6 +215,7 @@ impl Frames<'_, '_> {
 
         let interrupted = job.stopped.load(Ordering::Relaxed);
         stats.time.render_s = render_s;
+        stats.time.rooms.threads = job.most_threads.load(Ordering::Relaxed);
         stats.time.total_s = start.elapsed().as_secs_f64();
         stats.time.first_pixel_s =
             job.first_pixel.get().map_or(0.0, |t: &Instant| t.duration_since(start).as_secs_f64());
@@ -237,15 +241,21 @@ impl Frames<'_, '_> {
             spp,
             seed: job.seed,
             max_depth: world.max_depth,
+            sampler: settings.sampler.name().to_owned(),
+            estimator: settings.estimator.name().to_owned(),
             roulette: settings.roulette.unwrap_or(true),
-            robust: settings.robust,
+            robust: settings.robust && plan.backend == Backend::Embree,
             strict: settings.strict,
             time_limit_s: settings.time_limit_seconds,
             noise: settings.noise,
             crop: film.crop,
             full_size: [film.size.0, film.size.1],
+            memory: settings.memory,
             texture_memory: settings.texture_memory,
             geometry_memory: settings.geometry_memory,
+            texture_filter: settings.texture_filter.map(|filter| filter.name().to_owned()),
+            footprint_spp: settings.footprint_spp.unwrap_or(spp).max(1),
+            tessellation: settings.tessellation.unwrap_or(DEFAULT_EDGE_PIXELS),
             texture_latency_s: settings.texture_latency_seconds,
         };
         stats.memory.accounted = AccountedBytes {
@@ -307,6 +317,12 @@ impl Frames<'_, '_> {
                 settings.backend.name(),
                 plan.backend.name()
             ));
+        }
+        if settings.robust && plan.backend == Backend::Native {
+            notes.push(
+                "--robust is a mode of Embree: the native hierarchy has no other, and lets no ray slip"
+                    .to_owned(),
+            );
         }
         let mut image = Image::cropped(film.size, film.crop);
         image.pixels = job.buffer.resolve();

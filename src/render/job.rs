@@ -8,6 +8,7 @@ use super::rounds::{Round, Rounds};
 use super::stream::workers;
 use super::{Control, Progress};
 use crate::accel::Accel;
+use crate::clock::{self, Room, enter};
 use crate::color::Rgb;
 pub(super) use crate::film::PASS;
 use crate::film::{FilmBuffer, FilterSampler};
@@ -23,7 +24,7 @@ use crate::texture::TextureStore;
 use glam::Vec2;
 use std::ops::Range;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// Passes from which one over the whole film comes first in [`Order::Tiles`]: it reads all textures once
@@ -61,6 +62,10 @@ pub(super) struct Job<'a, A: ?Sized> {
     /// Film tiles along a curve that keeps neighbours together.
     pub(super) along: Vec<u32>,
     pub(super) samples: AtomicU64,
+    /// Tiles that the round is about.
+    pub(super) regions_left: AtomicU64,
+    /// Threads that worked together, at most.
+    pub(super) most_threads: AtomicUsize,
     pub(super) first_pixel: OnceLock<Instant>,
     pub(super) stopped: AtomicBool,
     pub(super) control: &'a Control<'a>,
@@ -96,13 +101,28 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             if self.should_stop() {
                 break;
             }
+            self.regions_left.store(round.tiles(), Ordering::Relaxed);
+            self.say_progress(self.samples.load(Ordering::Relaxed));
             work(Some(&round));
         }
     }
 
+    /// Says how far it is: where nobody knows how many samples there will be, in regions that are done.
+    fn say_progress(&self, done: u64) {
+        let total = u64::from(self.buffer.tile_count());
+        (self.control.progress)(if self.rounds.as_ref().is_some_and(Rounds::by_error) {
+            let left = self.regions_left.load(Ordering::Relaxed);
+            Progress::Regions { done: total.saturating_sub(left), total, samples: done }
+        } else {
+            Progress::Samples { done, total: self.total_samples() }
+        });
+    }
+
     /// Calls `work` on `threads` threads, each of which keeps textures and pages at hand; what they count.
     pub(super) fn crew(&self, threads: usize, work: impl Fn(&mut Counters) + Sync) -> Counters {
+        let begin = Instant::now();
         let one = || {
+            clock::start(begin);
             let mut counters = Counters::default();
             let attached = self.textures.attach();
             let held = self.pages.map(PageStore::hold);
@@ -113,22 +133,33 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             if let (Some(from), Some(to)) = (cpu, stats::thread_cpu_seconds()) {
                 counters.busy_nanoseconds = ((to - from) * 1e9) as u64;
             }
-            counters
+            let (spent, end) = clock::stop();
+            counters.rooms = spent;
+            (counters, end.unwrap_or(begin))
         };
+        let mut ended = Vec::with_capacity(threads);
         let mut total = Counters::default();
+        let mut take = |(counters, end): (Counters, Instant)| {
+            total.merge(&counters);
+            ended.push(end);
+        };
         std::thread::scope(|scope| {
             // A thread that the system refuses is one fewer; this one works in any case.
             let workers: Vec<_> = (1..threads)
                 .map_while(|_| std::thread::Builder::new().spawn_scoped(scope, one).ok())
                 .collect();
-            total.merge(&one());
+            take(one());
             for w in workers {
                 match w.join() {
-                    Ok(counters) => total.merge(&counters),
+                    Ok(counted) => take(counted),
                     Err(panic) => std::panic::resume_unwind(panic),
                 }
             }
         });
+        let last = Instant::now();
+        let idle = ended.iter().map(|end| last.saturating_duration_since(*end).as_nanos() as u64);
+        total.rooms[Room::Idle as usize] += idle.sum::<u64>();
+        self.most_threads.fetch_max(ended.len(), Ordering::Relaxed);
         total
     }
 
@@ -192,7 +223,7 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         let done = self.samples.fetch_add(samples, Ordering::Relaxed) + samples;
         // A few times a second at most.
         if done >> 16 != (done - samples) >> 16 {
-            (self.control.progress)(Progress::Samples { done, total: self.total_samples() });
+            self.say_progress(done);
         }
     }
 
@@ -220,9 +251,13 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         scratch: &mut Scratch,
         counters: &mut Counters,
     ) -> bool {
+        enter(Room::Camera);
         scratch.weights.clear();
         self.start(tile, pass, wave, &mut scratch.weights);
-        if !self.world.run(wave, counters, &|| self.should_stop()) {
+        let done = self.world.run(wave, counters, &|| self.should_stop());
+        // Until the next tile begins.
+        enter(Room::Film);
+        if !done {
             self.buffer.abandon();
             return false;
         }

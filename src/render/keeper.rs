@@ -1,8 +1,9 @@
 //! Keeps a render half done on the disk while it goes on.
 //!
 //! Invariant: what is kept is a state that the render without an interruption goes through.
-//! Never stops a render because a disk does not take it: that is noted.
+//! Never stops a render because a disk does not take it: that is said at once, a line for each reason, and at the end.
 
+use super::Progress;
 use super::job::Job;
 use super::meanwhile::meanwhile;
 use crate::accel::Accel;
@@ -34,6 +35,8 @@ struct Kept {
     seconds: f64,
     /// What went wrong last.
     failed: Option<String>,
+    /// What went wrong at some time, each told once.
+    told: Vec<String>,
 }
 
 /// Reads the checkpoint `path` of the render that is `identity` into `film`, if there is one.
@@ -93,6 +96,11 @@ impl<'a> Keeper<'a> {
         kept.seconds += start.elapsed().as_secs_f64();
         kept.failed = saved.err().map(|e| format!("the checkpoint was not written: {e}"));
         kept.samples = Some(samples).filter(|_| kept.failed.is_none());
+        let new = kept.failed.clone().filter(|line| !kept.told.contains(line));
+        if let Some(line) = new {
+            (job.control.progress)(Progress::Warning(&format!("warning: {line}; the render goes on")));
+            kept.told.push(line);
+        }
     }
 
     /// Seconds that writing took, and what went wrong with the last.

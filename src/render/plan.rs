@@ -4,10 +4,12 @@
 //! Never loads vertices or texels.
 
 use super::stage::{effective_film, threads_of};
-use super::stream::{DEFAULT_RAY_MEMORY, least_ray_memory, workers};
+use super::stream::{DEFAULT_RAY_MEMORY, check_ray_memory, least_ray_memory, workers};
 use crate::error::Result;
 use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
-use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, least_page_budget};
+use crate::geometry::pages::{
+    DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, check_page_budget, least_page_budget,
+};
 use crate::prepare::{self, Headers, ImageNeeds, Least, RenderPlan};
 use crate::scene::ply::{MeshFacts, survey};
 use crate::scene::{Film, Light, MeshSource, SceneDescription};
@@ -72,12 +74,25 @@ impl Planned {
 /// What a render of `scene` with `settings` would be, and why; reads headers and no more.
 ///
 /// # Errors
-/// A mesh or an image whose header cannot be read; a memory that is too small; a crop outside the film.
+/// A mesh or an image whose header cannot be read; a memory that is too small; a crop outside the film. Memory that is seen
+/// to be too small only when something has been loaded is no error here.
 pub fn plan(scene: &SceneDescription, settings: &RenderSettings) -> Result<PlanStats> {
+    let threads = threads_of(settings);
     let film = effective_film(scene, settings)?;
     let meshes: Vec<Result<MeshFacts>> = scene.meshes.par_iter().map(mesh_header).collect();
     let meshes = meshes.into_iter().collect::<Result<_>>()?;
-    Ok(Planned::of(scene, &film, settings, threads_of(settings), meshes)?.plan.stats)
+    let Planned { plan, images, .. } = Planned::of(scene, &film, settings, threads, meshes)?;
+    // Where a render says the same before it makes anything.
+    images.check(plan.texture_memory, looking_up(&plan, threads))?;
+    // Of triangles that are guessed nobody knows what comes and goes.
+    let sure = plan.geometry.exact;
+    if let (true, Some(budget)) = (sure && plan.pages && plan.stats.bytes.pages > 0, plan.geometry_memory) {
+        check_page_budget(budget, page_bytes(settings), looking_up(&plan, threads))?;
+    }
+    if plan.schedule != Schedule::Depth && (sure || settings.schedule == plan.schedule) {
+        check_ray_memory(plan.ray_memory, threads)?;
+    }
+    Ok(plan.stats)
 }
 
 fn mesh_header(mesh: &MeshSource) -> Result<MeshFacts> {

@@ -79,6 +79,11 @@ impl Rounds {
         }
     }
 
+    /// Whether tiles stop at different numbers of samples, which nobody knows before.
+    pub(super) fn by_error(&self) -> bool {
+        self.low_enough.is_some()
+    }
+
     /// Calls `with` with what tiles are to reach, which does not change meanwhile.
     pub(super) fn hold<R>(&self, with: impl FnOnce(&[u32]) -> R) -> R {
         with(&lock(&self.targets))
@@ -152,6 +157,11 @@ impl Round {
     /// The next tile and its passes, for whoever works at one tile at a time.
     pub(super) fn take(&self) -> Option<(u32, Range<u32>)> {
         self.items.get(self.next.fetch_add(1, Ordering::Relaxed)).cloned()
+    }
+
+    /// Tiles that get some.
+    pub(super) fn tiles(&self) -> u64 {
+        self.items.len() as u64
     }
 
     /// Passes in all.

@@ -31,6 +31,8 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         spp: spp_asked,
         seed,
         max_depth,
+        sampler,
+        estimator,
         roulette,
         robust,
         strict: _,
@@ -38,8 +40,12 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         noise,
         crop: _,
         full_size: _,
+        memory: _,
         texture_memory: _,
         geometry_memory: _,
+        texture_filter: _,
+        footprint_spp: _,
+        tessellation: _,
         texture_latency_s: _,
     } = settings;
     let PlanStats {
@@ -62,6 +68,7 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
         total_s: _,
         first_pixel_s: _,
         stall_s: _,
+        rooms: _,
     } = *time;
     let ImageStats {
         width: _,
@@ -97,6 +104,8 @@ pub fn attributes(stats: &RenderStats) -> Vec<(String, Attribute)> {
     text("version", weir);
     text("scene", scene);
     text("backend", backend);
+    text("sampler", sampler);
+    text("estimator", estimator);
     text("roulette", on_off(*roulette));
     text("robust", on_off(*robust));
     text("interrupted", if *interrupted { "yes" } else { "no" });
@@ -145,11 +154,13 @@ mod tests {
     fn a_file_says_what_it_is() {
         let mut stats = RenderStats { scene: "a.pbrt".to_owned(), ..RenderStats::default() };
         stats.settings.seed = u64::MAX;
+        stats.settings.sampler = "sobol".to_owned();
         stats.image.spp = 64;
         let list = attributes(&stats);
         let find = |name: &str| list.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
         assert_eq!(find("weir.scene"), Some(Attribute::Text("a.pbrt".to_owned())));
         assert_eq!(find("weir.seed"), Some(Attribute::Text("18446744073709551615".to_owned())));
+        assert_eq!(find("weir.sampler"), Some(Attribute::Text("sobol".to_owned())));
         assert_eq!(find("weir.spp"), Some(Attribute::Number(64.0)));
         assert_eq!(find("weir.memory.peak_rss"), None);
         // 31 characters are what every reader of EXR 1 takes.

@@ -1,7 +1,7 @@
 //! The report as text, and how numbers are written for people.
 
 use super::cache::write_cache;
-use crate::stats::{PlanMemory, RenderStats, SchedulerStats};
+use crate::stats::{PlanMemory, RenderStats, RoomTimes, SchedulerStats};
 use std::io::{self, Write};
 
 /// Seconds, three digits: `0.312 s`, `12.3 s`, `2 min 03 s`, `1 h 05 min`.
@@ -75,6 +75,12 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         interrupted,
     } = stats;
     let on_off = |on: bool| if on { "on" } else { "off" };
+    // What is as always, or stands in no record of before, is not worth a word.
+    let unless = |usual: &str, what: &str, value: &str| match value {
+        "" => String::new(),
+        value if value == usual => String::new(),
+        value => format!(", {what} {value}"),
+    };
     let known = |size: Option<u64>| size.map_or("unknown".to_owned(), bytes);
     writeln!(out, "{scene}, rendered by weir {weir}")?;
     if *interrupted {
@@ -93,12 +99,14 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
     write_error(stats, out)?;
     writeln!(
         out,
-        "settings  backend {}{}, depth {}, roulette {}, seed {}{}",
+        "settings  backend {}{}, depth {}, roulette {}, seed {}{}{}{}",
         settings.backend,
         if settings.robust { " (robust)" } else { "" },
         settings.max_depth,
         on_off(settings.roulette),
         settings.seed,
+        unless("sobol", "sampler", &settings.sampler),
+        unless("both", "direct light by", &settings.estimator),
         settings.time_limit_s.map(|s| format!(", at most {}", seconds(s))).unwrap_or_default()
     )?;
     writeln!(
@@ -117,6 +125,7 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         seconds(time.first_pixel_s),
         seconds(time.stall_s)
     )?;
+    write_rooms(&time.rooms, out)?;
     writeln!(out, "threads   {threads}, busy {:.1} %", busy * 100.0)?;
     writeln!(
         out,
@@ -170,6 +179,16 @@ pub fn write_text(stats: &RenderStats, out: &mut impl Write) -> io::Result<()> {
         writeln!(out, "kernel    {}: {}", plan.kernel, plan.calls)?;
     }
     write_scheduler(scheduler, out)
+}
+
+/// What threads did while rendering; nothing of a record that does not know.
+fn write_rooms(rooms: &RoomTimes, out: &mut impl Write) -> io::Result<()> {
+    let spent = rooms.named().into_iter().filter(|(_, _, s)| *s > 0.0);
+    let list: Vec<String> = spent.map(|(_, name, s)| format!("{name} {}", seconds(s))).collect();
+    if list.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "rooms     of {} threads: {}", rooms.threads, list.join(", "))
 }
 
 /// Where samples are not the same for all pixels, or not all of this render.
@@ -258,6 +277,12 @@ fn write_scheduler(stats: &SchedulerStats, out: &mut impl Write) -> io::Result<(
 mod tests {
     use super::*;
 
+    fn text(stats: &RenderStats) -> String {
+        let mut out = Vec::new();
+        write_text(stats, &mut out).expect("memory");
+        String::from_utf8(out).expect("text")
+    }
+
     #[test]
     fn numbers_for_people() {
         for (value, text) in [
@@ -292,11 +317,6 @@ mod tests {
     fn a_scheduler_is_told_of_when_it_has_a_name() {
         let mut stats = RenderStats::default();
         stats.scheduler.voxels = 211;
-        let text = |stats: &RenderStats| {
-            let mut out = Vec::new();
-            write_text(stats, &mut out).expect("memory");
-            String::from_utf8(out).expect("text")
-        };
         assert!(!text(&stats).contains("scheduler"));
         let scheduler = &mut stats.scheduler;
         scheduler.name = "voxel".to_owned();
@@ -319,11 +339,20 @@ mod tests {
     fn the_report_names_every_room() {
         let mut stats = RenderStats { scene: "a.pbrt".to_owned(), busy: 0.985, ..RenderStats::default() };
         stats.memory.peak_rss = Some(210_000_000);
+        assert!(!text(&stats).contains("rooms"), "a record of before");
+        stats.time.rooms = RoomTimes { threads: 2, shade_s: 1.5, idle_s: 0.25, ..RoomTimes::default() };
         stats.rays.per_second = 12.3e6;
-        let mut out = Vec::new();
-        write_text(&stats, &mut out).expect("memory");
-        let text = String::from_utf8(out).expect("text");
-        for needed in ["a.pbrt", "busy 98.5 %", "peak 210 MB", "12.3 M rays/s", "budget none"] {
+        (stats.settings.sampler, stats.settings.estimator) = ("sobol".to_owned(), "lights".to_owned());
+        let text = text(&stats);
+        for needed in [
+            "a.pbrt",
+            "busy 98.5 %",
+            "peak 210 MB",
+            "12.3 M rays/s",
+            "budget none",
+            "rooms     of 2 threads: shading 1.50 s, idle 0.250 s\n",
+            "seed 0, direct light by lights\n",
+        ] {
             assert!(text.contains(needed), "{needed} is missing in:\n{text}");
         }
         assert!(!text.contains("interrupted"));

@@ -9,8 +9,9 @@
 
 use super::bag::{Bag, Taken};
 use super::worker::{Key, Worker};
-use super::{Fresh, Grid, Ledger, Meter, Order, Piece, Sink, Traveller};
+use super::{Grid, Ledger, Meter, Order, Piece, Sink, Traveller};
 use crate::accel::{Accel, Hit};
+use crate::clock::{Room, enter};
 use crate::permits::{self, lock};
 use bytemuck::{Pod, Zeroable};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -158,9 +159,9 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         stop: &(dyn Fn() -> bool + Sync),
     ) {
         let _end = EndOnPanic(self);
+        enter(Room::Queues);
         lock(&self.state).busy += 1;
-        let mut worker =
-            Worker { queues: self, accel, sink, stop, fresh: Fresh::default(), keys: Vec::new() };
+        let mut worker = Worker::new(self, accel, sink, stop);
         let mut last = None;
         loop {
             if stop() {
@@ -185,7 +186,7 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
                 Step::Nothing => {
                     if worker.sink.settle(true, &mut worker.fresh) {
                         worker.place();
-                    } else if !permits::lend(|| self.wait()) {
+                    } else if !permits::lend(Room::Idle, || self.wait()) {
                         return;
                     }
                 }

@@ -6,6 +6,7 @@ use super::bag::Taken;
 use super::queues::{Load, Met, Queues};
 use super::{Fresh, Sink, Traveller};
 use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::clock::{Room, enter};
 use bytemuck::Pod;
 
 /// Rays between two looks at whether to stop: where memory is tight each may wait for many pages.
@@ -14,47 +15,60 @@ const STOP_EVERY: usize = 16;
 /// A ray's place in the order, and where it lies.
 pub(super) type Key = (u64, u32, u32);
 
+/// Rays that are traced before they are put where they go from there: so many that the clock is not looked at for each, and
+/// so few that they take no more room than a call does.
+const TOGETHER: usize = 32;
+
+/// Where a ray goes next: from where on its way, and into which voxel.
+type Next = Option<(f32, u32)>;
+
 /// A thread's way through the queues.
 pub(super) struct Worker<'q, 'g, A: ?Sized, P, T, S> {
-    pub(super) queues: &'q Queues<'g, P, T>,
-    pub(super) accel: &'q A,
+    queues: &'q Queues<'g, P, T>,
+    accel: &'q A,
     pub(super) sink: &'q mut S,
-    pub(super) stop: &'q (dyn Fn() -> bool + Sync),
+    stop: &'q (dyn Fn() -> bool + Sync),
     pub(super) fresh: Fresh<P, T>,
-    pub(super) keys: Vec<Key>,
+    keys: Vec<Key>,
+    /// Traced, and yet to go on.
+    paths: Vec<(P, Hit, Next)>,
+    tests: Vec<(T, bool, Next)>,
 }
 
-impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_, A, P, T, S> {
+impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'q, 'g, A, P, T, S> {
+    pub(super) fn new(
+        queues: &'q Queues<'g, P, T>,
+        accel: &'q A,
+        sink: &'q mut S,
+        stop: &'q (dyn Fn() -> bool + Sync),
+    ) -> Self {
+        let (paths, tests) = (Vec::with_capacity(TOGETHER), Vec::with_capacity(TOGETHER));
+        Self { queues, accel, sink, stop, fresh: Fresh::default(), keys: Vec::new(), paths, tests }
+    }
+
     /// Traces what was taken in the order of rays; not all of it when it is to stop.
     pub(super) fn visit(&mut self, voxel: usize, load: Load<P, T>) {
         let Load { open, met, tests, .. } = load;
         let mut keys = std::mem::take(&mut self.keys);
         self.sort(&tests, &mut keys);
-        for (&(_, i, j), n) in keys.iter().zip(0..) {
-            if self.stops(n) {
+        for keys in keys.chunks(TOGETHER) {
+            let rays = keys.iter().map(|&(_, i, j)| tests[i as usize].get(j as usize));
+            if !self.test(voxel, rays) {
                 break;
             }
-            let (item, from) = tests[i as usize].get(j as usize);
-            self.test(voxel, item, from);
         }
         self.give(tests);
         self.sort(&open, &mut keys);
-        for (&(_, i, j), n) in keys.iter().zip(0..) {
-            if self.stops(n) {
+        for keys in keys.chunks(TOGETHER) {
+            let rays = keys.iter().map(|&(_, i, j)| open[i as usize].get(j as usize));
+            if !self.trace(voxel, rays.map(|(item, from)| (item, Met { from, hit: Hit::MISS }))) {
                 break;
             }
-            let (item, from) = open[i as usize].get(j as usize);
-            self.path(voxel, item, from, &Hit::MISS);
         }
         self.give(open);
         for taken in &met {
-            for i in 0..taken.len() {
-                if self.stops(i) {
-                    break;
-                }
-                let (item, Met { from, hit }) = taken.get(i);
-                self.path(voxel, item, from, &hit);
-            }
+            let mut left = (0..taken.len()).map(|i| taken.get(i));
+            while left.len() > 0 && self.trace(voxel, left.by_ref().take(TOGETHER)) {}
         }
         self.give(met);
         self.keys = keys;
@@ -81,49 +95,84 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
 
     /// Where a ray goes from `voxel`.
     #[inline(always)]
-    fn after(&self, ray: &Ray, voxel: usize) -> Option<(f32, u32)> {
+    fn after(&self, ray: &Ray, voxel: usize) -> Next {
         if voxel < self.queues.grid.len() { self.queues.grid.next(ray, voxel as u32) } else { None }
     }
 
+    /// Traces `rays` in `voxel` and puts them where they go from there; false when it is to stop.
     #[inline(always)]
-    fn path(&mut self, voxel: usize, item: P, from: f32, so_far: &Hit) {
-        let ray = item.ray();
-        let next = self.after(&ray, voxel);
-        let to = next.map_or(f32::INFINITY, |(to, _)| to);
-        let mut hit = self.accel.closest_part(&ray, from, to, so_far);
-        if let Some((from, voxel)) = next.filter(|&(to, _)| hit.t >= to) {
-            let (queues, voxel) = (self.queues, voxel as usize);
-            let put = if hit.geometry == NONE {
-                queues.put(voxel, |queue| &mut queue.open, &item, &from)
-            } else {
-                queues.put(voxel, |queue| &mut queue.met, &item, &Met { from, hit })
-            };
-            if put {
-                return;
+    fn trace(&mut self, voxel: usize, rays: impl Iterator<Item = (P, Met)>) -> bool {
+        enter(Room::TraceClosest);
+        let mut traced = std::mem::take(&mut self.paths);
+        for ((item, Met { from, hit }), n) in rays.zip(0..) {
+            if self.stops(n) {
+                return false;
             }
-            hit = self.accel.closest_part(&ray, from, f32::INFINITY, &hit);
+            let ray = item.ray();
+            let next = self.after(&ray, voxel);
+            let to = next.map_or(f32::INFINITY, |(to, _)| to);
+            let hit = self.accel.closest_part(&ray, from, to, &hit);
+            traced.push((item, hit, next.filter(|&(to, _)| hit.t >= to)));
         }
-        self.sink.hit(item, hit, &mut self.fresh);
+        enter(Room::Queues);
+        for (item, mut hit, next) in traced.drain(..) {
+            if let Some((from, voxel)) = next {
+                let (queues, voxel) = (self.queues, voxel as usize);
+                let put = if hit.geometry == NONE {
+                    queues.put(voxel, |queue| &mut queue.open, &item, &from)
+                } else {
+                    queues.put(voxel, |queue| &mut queue.met, &item, &Met { from, hit })
+                };
+                // Where there is no room for one there is none for the next: most times the room is the same.
+                enter(if put { Room::Queues } else { Room::TraceClosest });
+                if put {
+                    continue;
+                }
+                hit = self.accel.closest_part(&item.ray(), from, f32::INFINITY, &hit);
+            }
+            self.sink.hit(item, hit, &mut self.fresh);
+        }
+        self.paths = traced;
+        enter(Room::Queues);
+        true
     }
 
+    /// As [`Self::trace`], of tests.
     #[inline(always)]
-    fn test(&mut self, voxel: usize, item: T, from: f32) {
-        let ray = item.ray();
-        let next = self.after(&ray, voxel);
-        let to = next.map_or(f32::INFINITY, |(to, _)| to);
-        let mut occluded = self.accel.occluded_part(&ray, from, to);
-        if let Some((from, voxel)) = next.filter(|_| !occluded) {
-            if self.queues.put(voxel as usize, |queue| &mut queue.tests, &item, &from) {
-                return;
+    fn test(&mut self, voxel: usize, rays: impl Iterator<Item = (T, f32)>) -> bool {
+        enter(Room::TraceOcclusion);
+        let mut traced = std::mem::take(&mut self.tests);
+        for ((item, from), n) in rays.zip(0..) {
+            if self.stops(n) {
+                return false;
             }
-            occluded = self.accel.occluded_part(&ray, from, f32::INFINITY);
+            let ray = item.ray();
+            let next = self.after(&ray, voxel);
+            let to = next.map_or(f32::INFINITY, |(to, _)| to);
+            let occluded = self.accel.occluded_part(&ray, from, to);
+            traced.push((item, occluded, next.filter(|_| !occluded)));
         }
-        self.sink.seen(item, occluded);
+        enter(Room::Queues);
+        for (item, mut occluded, next) in traced.drain(..) {
+            if let Some((from, voxel)) = next {
+                let put = self.queues.put(voxel as usize, |queue| &mut queue.tests, &item, &from);
+                enter(if put { Room::Queues } else { Room::TraceOcclusion });
+                if put {
+                    continue;
+                }
+                occluded = self.accel.occluded_part(&item.ray(), from, f32::INFINITY);
+            }
+            self.sink.seen(item, occluded);
+        }
+        self.tests = traced;
+        enter(Room::Queues);
+        true
     }
 
     /// Puts new rays into the queues where they begin; where there is no room they are traced, and so may bring new ones.
     pub(super) fn place(&mut self) {
         const FROM: f32 = f32::NEG_INFINITY;
+        enter(Room::Queues);
         let queues = self.queues;
         let last = queues.queues.len() - 1;
         let voxel = |ray: &Ray| queues.grid.enter(ray).map_or(last, |v| v as usize);
@@ -133,18 +182,23 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
             }
             if let Some(item) = self.fresh.tests.pop() {
                 let ray = item.ray();
-                if !queues.put(voxel(&ray), |queue| &mut queue.tests, &item, &FROM) {
+                let put = queues.put(voxel(&ray), |queue| &mut queue.tests, &item, &FROM);
+                enter(if put { Room::Queues } else { Room::TraceOcclusion });
+                if !put {
                     self.sink.seen(item, self.accel.occluded(&ray));
                 }
             } else if let Some(item) = self.fresh.paths.pop() {
                 let ray = item.ray();
-                if !queues.put(voxel(&ray), |queue| &mut queue.open, &item, &FROM) {
+                let put = queues.put(voxel(&ray), |queue| &mut queue.open, &item, &FROM);
+                enter(if put { Room::Queues } else { Room::TraceClosest });
+                if !put {
                     self.sink.hit(item, self.accel.closest(&ray), &mut self.fresh);
                 }
             } else {
                 break;
             }
         }
+        enter(Room::Queues);
         queues.wake();
     }
 }

@@ -9,7 +9,9 @@ mod moves;
 mod plan;
 mod process;
 mod references;
+mod rooms;
 mod scheduler;
+mod settings;
 mod timeline;
 
 pub use cache::{CacheCounts, CacheFile, CacheRow, CacheStats, Knee, MissRatios};
@@ -19,9 +21,12 @@ pub use moves::MemoryMove;
 pub use plan::{EffectStats, PlanBytes, PlanMemory, PlanStats};
 pub use process::{available_memory_bytes, nanoseconds, peak_rss_bytes, rss_bytes, thread_cpu_seconds};
 pub use references::{References, SAMPLES};
+pub use rooms::RoomTimes;
 pub use scheduler::{Decision, SchedulerStats, VoxelStats};
+pub use settings::EffectiveSettings;
 pub use timeline::{Gauge, MemorySample, MemoryWatch};
 
+use crate::clock::Nanoseconds;
 use serde::{Deserialize, Serialize};
 
 /// Counters of one thread. A thread owns its copy and nobody else writes it, so they are plain
@@ -39,18 +44,21 @@ pub struct Counters {
     pub occluded: u64,
     /// Processor time spent working, in nanoseconds.
     pub busy_nanoseconds: u64,
+    /// Time by room of the code.
+    pub rooms: Nanoseconds,
 }
 
 impl Counters {
     /// Adds another thread's counters.
     pub fn merge(&mut self, other: &Self) {
         // Destructured, so that a new counter breaks the build until it is merged.
-        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds } = *other;
+        let Self { samples, non_finite_samples, closest, occluded, busy_nanoseconds, rooms } = *other;
         self.samples += samples;
         self.non_finite_samples += non_finite_samples;
         self.closest += closest;
         self.occluded += occluded;
         self.busy_nanoseconds += busy_nanoseconds;
+        self.rooms.iter_mut().zip(rooms).for_each(|(sum, spent)| *sum += spent);
     }
 }
 
@@ -95,40 +103,6 @@ pub struct RenderStats {
     pub interrupted: bool,
 }
 
-/// Settings in force during a render.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct EffectiveSettings {
-    /// Which library traversed.
-    pub backend: String,
-    /// Samples per pixel asked for.
-    pub spp: u32,
-    /// Seed.
-    pub seed: u64,
-    /// Scattering events.
-    pub max_depth: u32,
-    /// Russian roulette.
-    pub roulette: bool,
-    /// Embree's robust mode.
-    pub robust: bool,
-    /// Warnings were errors.
-    pub strict: bool,
-    /// Limit on the rendering time.
-    pub time_limit_s: Option<f64>,
-    /// Relative error at which regions stop; `None` when none was asked for.
-    pub noise: Option<f64>,
-    /// Crop window x0, y0, x1, y1 (exclusive) in the full frame.
-    pub crop: [u32; 4],
-    /// Full frame.
-    pub full_size: [u32; 2],
-    /// Bytes of textures that were asked to be in memory at most; `None` when nothing was asked.
-    pub texture_memory: Option<u64>,
-    /// Bytes of geometry that were asked to be in memory at most; `None` when nothing was asked.
-    pub geometry_memory: Option<u64>,
-    /// Least time that a read of a texture tile took.
-    pub texture_latency_s: f64,
-}
-
 /// Seconds of wall time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -151,6 +125,8 @@ pub struct TimeStats {
     pub first_pixel_s: f64,
     /// Threads waiting for tiles of textures that others read, or for room for them, summed.
     pub stall_s: f64,
+    /// What threads did while rendering.
+    pub rooms: RoomTimes,
 }
 
 /// The image.
@@ -249,10 +225,11 @@ impl AccountedBytes {
 }
 
 impl RenderStats {
-    /// Fills in what follows from merged counters and from `time.render_s`, `threads` and
+    /// Fills in what follows from merged counters and from `time.render_s`, `threads`, `time.rooms.threads` and
     /// `memory.peak_accounted`, which must be set before; reads the process's peak memory.
     pub fn finish(&mut self, counters: &Counters) {
-        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds } = *counters;
+        let Counters { samples, non_finite_samples, closest, occluded, busy_nanoseconds, rooms } = *counters;
+        self.time.rooms = RoomTimes::new(self.time.rooms.threads, &rooms);
         self.image.samples = samples;
         self.image.non_finite_samples = non_finite_samples;
         self.rays = RayStats {
@@ -294,11 +271,17 @@ mod tests {
 
     #[test]
     fn merging_adds_every_counter() {
-        let a = Counters { samples: 1, non_finite_samples: 2, closest: 3, occluded: 4, busy_nanoseconds: 5 };
+        let times = |n: u64| Counters {
+            samples: n,
+            non_finite_samples: 2 * n,
+            closest: 3 * n,
+            occluded: 4 * n,
+            busy_nanoseconds: 5 * n,
+            rooms: std::array::from_fn(|i| (6 + i as u64) * n),
+        };
+        let (a, twice) = (times(1), times(2));
         let mut sum = a;
         sum.merge(&a);
-        let twice =
-            Counters { samples: 2, non_finite_samples: 4, closest: 6, occluded: 8, busy_nanoseconds: 10 };
         assert_eq!(sum, twice);
     }
 
@@ -313,6 +296,7 @@ mod tests {
             closest: 3000,
             occluded: 1000,
             busy_nanoseconds: 6_000_000_000,
+            ..Counters::default()
         };
         stats.finish(&counters);
         assert_eq!(stats.busy, 0.75);

@@ -18,7 +18,7 @@ pub use options::TextureOptions;
 pub use survey::{Survey, image_size};
 
 use super::attached::{self, Attached};
-use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource, least_budget};
+use super::cache::{CacheOptions, ThreadCache, TileCache, TileSource};
 use super::convert::Watch;
 use super::filter::{self, Footprint, Sampler};
 use super::image_io::{ImageData, Pixels, read_image};
@@ -124,11 +124,7 @@ impl TextureStore {
         let Survey { found, said, files } = survey;
         let whole = find::whole_bytes(&found);
         // Files that are tiled already need room beside them.
-        let tile = |f: &Found| if let Found::Tiled { file, .. } = f { Some(file.tile_bytes()) } else { None };
-        let room = |found: &[Found]| {
-            let largest = found.iter().filter_map(tile).max();
-            largest.map_or(0, |tile| least_budget(tile, options.threads))
-        };
+        let room = |found: &[Found]| find::tile_room(found, options.threads);
         let fits = whole.saturating_add(room(&found)) <= options.budget;
         let copies: Vec<bool> =
             found.iter().map(|f| !fits && matches!(f, Found::Plain { may_tile: true, .. })).collect();
@@ -138,7 +134,7 @@ impl TextureStore {
         let whole = find::whole_bytes(&found);
         let room = room(&found);
         if options.budget < whole.saturating_add(room) {
-            return Err(find::too_small(options, whole, room));
+            return Err(find::too_small(options.budget, options.threads, whole, room));
         }
 
         let mut tiled: Vec<Box<dyn TileSource>> = Vec::new();

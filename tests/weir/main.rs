@@ -32,6 +32,8 @@ mod cost;
 mod embree_abi;
 mod generate;
 mod hard;
+#[cfg(unix)]
+mod limits;
 mod made;
 mod order;
 mod page;
@@ -40,6 +42,7 @@ mod plan;
 #[cfg(unix)]
 mod plan_memory;
 mod report_page;
+mod rooms;
 mod texture_files;
 mod textures;
 #[cfg(unix)]

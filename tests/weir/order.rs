@@ -5,12 +5,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Left is imported by right (design.md, "Rooms").
-const ORDER: [&str; 21] = [
+const ORDER: [&str; 22] = [
     "math",
     "color",
     "error",
     "open",
     "replace",
+    "clock",
     "permits",
     "settings",
     "stats",

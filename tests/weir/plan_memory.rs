@@ -9,7 +9,10 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 use weir::error::Error;
+use weir::film::Image;
+use weir::film::write::write_image;
 use weir::render::plan;
+use weir::scene::pbrt::parse_str;
 use weir::scene::{self, SceneDescription};
 use weir::settings::{Backend, RenderSettings, Schedule};
 use weir::stats::RenderStats;
@@ -152,7 +155,6 @@ fn parts_that_are_given_are_kept() {
     assert_eq!(stats.scheduler.ray_memory, 9 << 20);
 }
 
-#[cfg(feature = "embree")]
 #[test]
 fn embree_gives_way_unless_it_was_asked_for_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -277,5 +279,58 @@ fn a_memory_that_is_too_small_is_one_line_before_anything_is_loaded() {
         assert_eq!(output.status.code(), Some(2), "{line}: {said}");
         assert!(said.lines().count() == 1 && said.contains("would do"), "{line}: {said}");
         assert!(!at.join("x.exr").exists());
+    }
+}
+
+#[test]
+fn parts_that_are_too_small_are_refused_by_the_plan_in_the_same_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = city(folder.path(), 200_000);
+    let base = RenderSettings { backend: Backend::Native, ..settings(folder.path()) };
+    let rays = RenderSettings { schedule: Schedule::Voxel, ray_memory: Some(1000), ..base.clone() };
+    let pages = RenderSettings { geometry_memory: Some(1000), ..base.clone() };
+    for (name, few) in [("--ray-memory", rays), ("--geometry-memory", pages)] {
+        let planned = plan(&scene, &few).err().unwrap_or_else(|| panic!("{name}: planned"));
+        let rendered = outcome(&scene, &few).err().unwrap_or_else(|| panic!("{name}: rendered"));
+        assert_eq!(planned.to_string(), rendered.to_string());
+        assert!(planned.to_string().contains(name) && planned.exit_code() == 2, "{planned}");
+    }
+    // A tiled file tells how large its tiles are; of a plain one that is not known before its copy is made.
+    let tiled = folder.path().join("tiled");
+    fs::create_dir(&tiled).expect("writable");
+    let png = folder.path().join("plain.png");
+    let mut image = Image::new(200, 200);
+    image.pixels.iter_mut().zip(0u8..=255).for_each(|(p, i)| *p = [f32::from(i) / 255.0; 3]);
+    write_image(&png, &image, &[]).expect("writable");
+    let made = Command::new(env!("CARGO_BIN_EXE_weir"))
+        .args(["texture", "-q", "-o"])
+        .args([tiled.join("t.tx"), png])
+        .output()
+        .expect("weir starts");
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let scene = parse_str(
+        "WorldBegin\nLightSource \"infinite\"\nTexture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.tx\"\n\
+         Material \"diffuse\" \"texture reflectance\" \"t\"\nShape \"sphere\"\n",
+        &tiled.join("s.pbrt"),
+    )
+    .expect("a scene");
+    let few = RenderSettings { texture_memory: Some(1000), ..base };
+    let planned = plan(&scene, &few).expect_err("too small").to_string();
+    assert_eq!(planned, outcome(&scene, &few).err().expect("too small").to_string());
+    assert!(planned.contains("--texture-memory"), "{planned}");
+}
+
+#[test]
+fn a_mode_of_embree_that_the_native_hierarchy_has_not_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = city(folder.path(), 200_000);
+    for (backend, robust, said) in
+        [(Backend::Native, true, 1), (Backend::Native, false, 0), (Backend::Embree, true, 0)]
+    {
+        let settings = RenderSettings { backend, robust, ..settings(folder.path()) };
+        let outcome = outcome(&scene, &settings).unwrap_or_else(|e| panic!("{e}"));
+        let lines = outcome.notes.iter().filter(|line| line.starts_with("--robust is a mode of Embree"));
+        assert_eq!(lines.count(), said, "{:?}", outcome.notes);
+        assert_eq!(outcome.stats.settings.robust, robust && said == 0, "what was in force");
     }
 }

@@ -55,6 +55,7 @@ fn the_pages_numbers_are_the_records() {
     assert!(keyed > 60 && rows > 20, "{keyed} numbers, {rows} rows");
     for id in [
         "time-phases",
+        "time-rooms",
         "memory",
         "texture-file",
         "texture-level",
@@ -176,4 +177,38 @@ fn a_browser_finds_nothing_wrong() {
         // Parsed as it was meant: what the name says is text, and no element of it came to be.
         assert!(!dom.contains("<b onclick") && dom.contains("onclick=x"), "{page}");
     }
+}
+
+#[test]
+fn the_record_and_the_page_have_every_setting() {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let at = directory.path();
+    let scene = "Film \"rgb\" \"integer xresolution\" 4 \"integer yresolution\" 3\nWorldBegin\n\
+                 LightSource \"infinite\"\nShape \"sphere\"\n";
+    fs::write(at.join("s.pbrt"), scene).expect("writable");
+    let rendered = |more: &str| {
+        let line = format!("s.pbrt --spp 4 -q -o s.exr --stats s.json --report s.html {more}");
+        succeeds(at, &line.split_ascii_whitespace().collect::<Vec<_>>());
+        let page = fs::read_to_string(at.join("s.html")).expect("written");
+        let stats = record(at, "s.json");
+        numbers_hold(&page, &stats);
+        (page, stats["settings"].clone())
+    };
+    let more = "--sampler independent --estimator lights --texture-filter trilinear --footprint-spp 9 --tessellation 4.5 \
+                --memory 1G";
+    let (page, settings) = rendered(more);
+    let (_, usual) = rendered("");
+    for (name, given, default) in [
+        ("sampler", json!("independent"), json!("sobol")),
+        ("estimator", json!("lights"), json!("both")),
+        ("texture_filter", json!("trilinear"), Value::Null),
+        ("footprint_spp", json!(9), json!(4)),
+        ("tessellation", json!(4.5), json!(2.0)),
+        ("memory", json!(1u64 << 30), Value::Null),
+    ] {
+        assert_eq!((&settings[name], &usual[name]), (&given, &default), "{name}");
+        assert!(page.contains(&format!("data-key=\"/settings/{name}\"")), "{name} is not in the page");
+    }
+    let settings = settings.as_object().expect("an object");
+    assert_eq!(page.matches("data-key=\"/settings/").count(), settings.len(), "each once");
 }

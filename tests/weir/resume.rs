@@ -6,8 +6,9 @@ use crate::pages::{least, make, settings as paged};
 use crate::support::{bits, outcome, render};
 use std::path::Path;
 use std::process::Command;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use std::{fs, thread};
 use weir::film::read::read_image;
 use weir::render::{Control, Outcome, Progress};
@@ -252,4 +253,79 @@ fn a_killed_program_goes_on_where_it_was() {
     let after =
         ["a.exr", "a.pfm", "a.exr.weir"].map(|name| fs::read(folder.path().join(name)).expect("there"));
     assert!(images == after, "something was written");
+}
+
+#[test]
+fn a_checkpoint_that_fails_is_said_when_it_fails_and_once() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let scene = everything(folder.path());
+    let path = folder.path().join("a.exr.weir");
+    let checkpoint = Some(Checkpointing { path: path.clone(), every_seconds: 0.002 });
+    // More samples than anybody waits for: it ends when the line has come, and some time after that.
+    let settings = RenderSettings { spp: Some(1 << 20), checkpoint, ..RenderSettings::default() };
+    let (cancel, said) = (AtomicBool::new(false), Mutex::new(Vec::new()));
+    let progress = |progress: Progress<'_>| match progress {
+        // What is in the way stands there from now on, and no file can take its place.
+        Progress::Phase("rendering") => fs::create_dir_all(path.join("in the way")).expect("a folder"),
+        Progress::Warning(line) => {
+            let mut said = said.lock().expect("whole");
+            said.push(line.to_owned());
+        }
+        _ => {}
+    };
+    let control = Control { cancel: &cancel, progress: &progress, watch: None };
+    let outcome = thread::scope(|scope| {
+        scope.spawn(|| {
+            let start = Instant::now();
+            while said.lock().expect("whole").is_empty() && start.elapsed() < Duration::from_secs(60) {
+                thread::sleep(Duration::from_millis(1));
+            }
+            // Dozens of tries.
+            thread::sleep(Duration::from_millis(200));
+            cancel.store(true, Ordering::Relaxed);
+        });
+        weir::render::render(&scene, &settings, &control).unwrap_or_else(|e| panic!("{e}"))
+    });
+    assert!(outcome.interrupted, "it was told before the end");
+    let said = said.into_inner().expect("whole");
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(
+        said[0].starts_with("warning: the checkpoint was not written: ") && said[0].contains("a.exr.weir"),
+        "{said:?}"
+    );
+    assert!(outcome.unsaved.is_some_and(|line| said[0].contains(&line)), "and again at the end");
+}
+
+#[test]
+fn under_noise_progress_is_told_in_regions() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.pbrt");
+    let scene = weir::scene::load(&scene).unwrap_or_else(|e| panic!("{e}"));
+    for (threads, schedule) in [(1, Schedule::Depth), (3, Schedule::Sorted)] {
+        let settings = RenderSettings {
+            size: Some((64, 60)),
+            noise: Some(0.1),
+            threads: Some(threads),
+            schedule,
+            ..RenderSettings::default()
+        };
+        let told = Mutex::new(Vec::new());
+        let progress = |progress: Progress<'_>| match progress {
+            Progress::Regions { done, total, samples } => {
+                told.lock().expect("whole").push((done, total, samples));
+            }
+            Progress::Samples { .. } => panic!("of samples nobody knows how many there will be"),
+            _ => {}
+        };
+        let control = Control { cancel: &AtomicBool::new(false), progress: &progress, watch: None };
+        let outcome = weir::render::render(&scene, &settings, &control).unwrap_or_else(|e| panic!("{e}"));
+        let told = told.into_inner().expect("whole");
+        let [width, height] = outcome.stats.settings.full_size;
+        let tiles = u64::from(width.div_ceil(8) * height.div_ceil(8));
+        assert!(told.iter().all(|&(done, total, _)| total == tiles && done < total), "{told:?}");
+        // The first rounds are about all, the last about few.
+        assert_eq!(told.first(), Some(&(0, tiles, 0)));
+        assert!(told.last().is_some_and(|&(done, ..)| done > tiles / 4), "{told:?}");
+        let samples = outcome.stats.image.samples;
+        assert!(told.iter().all(|&(.., n)| n <= samples), "{samples}: {told:?}");
+    }
 }

@@ -11,6 +11,7 @@
 use super::files::PageFiles;
 use super::looks::Looks;
 use super::slots::{Slot, Slots};
+use crate::clock::Room;
 use crate::permits::{self, Promise, lock};
 use crate::stats::{CacheRow, CacheStats, Gauge, KeyBuildHasher, References, nanoseconds};
 use crate::texture::cache::FileCounts;
@@ -248,7 +249,7 @@ impl PageCache {
         let start = Instant::now();
         let mut slot = self.room(files);
         let ready = Instant::now();
-        let read = permits::lend(|| files.read(page, &mut slot, &mut thread.scratch));
+        let read = permits::lend(Room::ReadGeometry, || files.read(page, &mut slot, &mut thread.scratch));
         let read_ns = nanoseconds(ready);
         self.read_ns.fetch_add(read_ns, Ordering::Relaxed);
         let failed = u64::from(read.is_err());
@@ -309,7 +310,7 @@ impl PageCache {
                 }
             }
             // All that is in memory is being read or looked at; that ends, in the time of a read.
-            permits::lend(|| std::thread::sleep(Duration::from_micros(20)));
+            permits::lend(Room::Idle, || std::thread::sleep(Duration::from_micros(20)));
         }
     }
 

@@ -250,15 +250,21 @@ impl PageMaker {
 
     /// Whether it can hold the fewest pages that do.
     fn check_budget(&self) -> Result<()> {
-        let threads = self.threads;
-        let least = least_page_budget(self.page_bytes, threads);
-        if self.budget >= least {
-            return Ok(());
-        }
-        Err(Error::Usage(format!(
-            "a geometry memory of {} bytes is too small: --geometry-memory {least} at least, beside what stays; \
-             {threads} threads need two pages each",
-            self.budget
-        )))
+        check_page_budget(self.budget, self.page_bytes, self.threads)
     }
+}
+
+/// Holds what pages may take against [`least_page_budget`].
+///
+/// # Errors
+/// [`Error::Usage`] when it is too small.
+pub fn check_page_budget(budget: u64, page_bytes: usize, threads: usize) -> Result<()> {
+    let least = least_page_budget(page_bytes, threads);
+    if budget >= least {
+        return Ok(());
+    }
+    Err(Error::Usage(format!(
+        "a geometry memory of {budget} bytes is too small: --geometry-memory {least} at least, beside what stays; \
+         {threads} threads need two pages each"
+    )))
 }

@@ -26,6 +26,7 @@ mod store;
 mod tests;
 
 pub use files::least_page_budget;
+pub use make::check_page_budget;
 pub use store::{HeldPages, PageStore};
 
 pub use file::PagedMesh;

@@ -1,7 +1,7 @@
 //! The page as a whole: what is in it for which record, and that no record breaks it.
 
 use super::*;
-use crate::stats::{CacheFile, CacheRow, CacheStats, Decision, Knee, MemorySample, VoxelStats};
+use crate::stats::{CacheFile, CacheRow, CacheStats, Decision, Knee, MemorySample, RoomTimes, VoxelStats};
 
 const HOSTILE: &str =
     "</title></script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>&amp;\u{202e}\0.pbrt";
@@ -47,6 +47,7 @@ fn full(name: &str) -> RenderStats {
     stats.plan.memory.because = name.to_owned();
     stats.time.render_s = 2.0;
     stats.time.total_s = 3.0;
+    stats.time.rooms = RoomTimes { threads: 10, shade_s: 1.5, turn_s: 16.0, ..RoomTimes::default() };
     stats.image.non_finite_samples = 1;
     stats.interrupted = true;
     stats.memory.timeline = (0..5)
@@ -74,9 +75,10 @@ fn full(name: &str) -> RenderStats {
     stats
 }
 
-const CHARTS: [&str; 13] = [
+const CHARTS: [&str; 14] = [
     "chart-time-phases",
     "chart-time-threads",
+    "chart-time-rooms",
     "chart-memory",
     "chart-texture-file",
     "chart-texture-level",
@@ -112,6 +114,7 @@ fn an_empty_record_says_why_there_is_nothing() {
         "image",
         "command",
         "chart-time-threads",
+        "chart-time-rooms",
         "chart-memory",
         "chart-texture",
         "chart-geometry",
@@ -154,6 +157,7 @@ fn what_is_no_number_never_reaches_a_drawing() {
         stats.time.parse_s = bad;
         stats.time.render_s = bad;
         stats.time.total_s = bad;
+        stats.time.rooms.shade_s = bad;
         stats.busy = bad;
         stats.scheduler.rays_per_visit = bad;
         stats.scheduler.decisions[3].at_s = bad;

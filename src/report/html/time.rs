@@ -1,4 +1,4 @@
-//! Where the time went: phase after phase, and what the threads did while rendering.
+//! Where the time went: phase after phase, and what the threads did while rendering, by processor and by room of the code.
 
 use super::parts::{absent, drawing, exact, figure, number};
 use crate::report::chart::{Bar, Kind, Part, bars};
@@ -6,7 +6,7 @@ use crate::report::seconds;
 use crate::stats::RenderStats;
 use std::fmt::Write;
 
-/// Both charts, and the room of the one that cannot be drawn.
+/// All charts, or why one cannot be drawn.
 pub(super) fn section(stats: &RenderStats) -> String {
     let threads = if stats.time.render_s > 0.0 {
         threads(stats)
@@ -14,13 +14,9 @@ pub(super) fn section(stats: &RenderStats) -> String {
         absent("chart-time-threads", "What threads did is not known: no rendering time is recorded.")
     };
     format!(
-        "<section><h2>Time</h2>\n<div class=\"charts\">{}{threads}</div>\n{}</section>\n",
+        "<section><h2>Time</h2>\n<div class=\"charts\">{}{threads}{}</div>\n</section>\n",
         phases(stats),
-        absent(
-            "chart-time-rooms",
-            "Time is not counted by room of the program (traversal, shading, textures): reading a clock around \
-             each of them would cost more than some of them do. A profiler such as perf tells."
-        )
+        rooms(stats)
     )
 }
 
@@ -107,3 +103,46 @@ fn threads(stats: &RenderStats) -> String {
         &format!("{drawn}<p class=\"said\">{texts}.</p>"),
     )
 }
+
+/// What threads did, by room of the code.
+fn rooms(stats: &RenderStats) -> String {
+    let rooms = &stats.time.rooms;
+    let named = rooms.named();
+    // A record of an older version has none.
+    if named.iter().all(|(_, _, seconds)| *seconds == 0.0) {
+        return absent("chart-time-rooms", "What threads did by room of the code is not in the record.");
+    }
+    let all = rooms.threads as f64 * stats.time.render_s;
+    let mut rows = Vec::new();
+    let mut texts =
+        format!("threads {}", number("/time/rooms/threads", &rooms.threads, &rooms.threads.to_string()));
+    for ((field, name, value), colour) in named.into_iter().zip(ROOM_COLOURS) {
+        if value != 0.0 {
+            rows.push(row(name, 0.0, value, colour, format!("{name}: {} s", exact(&value))));
+            let _ = write!(
+                texts,
+                ", {name} {}",
+                number(&format!("/time/rooms/{field}"), &value, &seconds(value))
+            );
+        }
+    }
+    let rest = (all - rooms.sum()).max(0.0);
+    let title = format!("{rest} s of {all} s before threads began or after they had ended");
+    rows.push(row("between", 0.0, rest, "c0", title));
+    let turns = if rooms.threads > stats.threads {
+        format!(
+            " {} threads take turns, so that {} compute while others wait for a disk.",
+            rooms.threads, stats.threads
+        )
+    } else {
+        String::new()
+    };
+    let said = format!(
+        "Thread-seconds; each counts in one room. What is read while tracing or shading is reading alone.{turns}"
+    );
+    let drawn = drawing(&bars("time by room", Kind::Seconds, &rows));
+    figure("chart-time-rooms", "Rooms of the code", &said, &format!("{drawn}<p class=\"said\">{texts}.</p>"))
+}
+
+/// Of the rooms, in their order: tracing, shading, film, reading, queues, waiting.
+const ROOM_COLOURS: [&str; 11] = ["c1", "c6", "c3", "c5", "c5", "c2", "c2", "c0", "c4", "c4", "c0"];

@@ -18,6 +18,7 @@ pub use source::TileSource;
 pub use thread::ThreadCache;
 pub use tile::least_budget;
 
+use crate::clock::Room;
 use crate::error::{Error, Result};
 use crate::permits::{self, lock};
 use crate::stats::{Gauge, KeyBuildHasher, References, nanoseconds, spread};
@@ -276,7 +277,7 @@ impl TileCache {
         let ready = Instant::now();
         let size = file.file.tile_bytes();
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut lines);
-        let read = permits::lend(|| {
+        let read = permits::lend(Room::ReadTextures, || {
             let read = file.file.read_tile(index, &mut bytes[..size], &mut thread.scratch);
             if let Some(rest) = self.latency.checked_sub(ready.elapsed()) {
                 std::thread::sleep(rest);
@@ -356,7 +357,7 @@ impl TileCache {
                     self.free(freed);
                 }
                 // All that is not in somebody's hands is being read; that ends, in the time of a read.
-                None => permits::lend(|| std::thread::sleep(Duration::from_micros(20))),
+                None => permits::lend(Room::Idle, || std::thread::sleep(Duration::from_micros(20))),
             }
         }
     }

@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::error::Location;
+use crate::texture::cache::least_budget;
 use crate::texture::convert::{self, Compression, Container, Settings, WrapMode};
 use crate::texture::image_io::decoded_bytes;
 use std::path::Path;

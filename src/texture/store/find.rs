@@ -3,10 +3,10 @@
 //! Invariant: the bytes of an image that is decoded as a whole are never fewer than it will take.
 //! Never decodes an image, never decides whether it is copied.
 
-use super::TextureOptions;
 use crate::error::{Error, Result};
 use crate::prepare::ImageNeeds;
 use crate::scene::{Encoding, ImageSource};
+use crate::texture::cache::least_budget;
 use crate::texture::convert::fingerprint::encoding_name;
 use crate::texture::image_io;
 use crate::texture::tiled::{FilePool, TiledFile};
@@ -99,10 +99,16 @@ fn contradiction(source: &ImageSource, own: Encoding) -> String {
     )
 }
 
+/// What tiles of `found` need at least, with `threads` that look up at once.
+pub(super) fn tile_room(found: &[Found], threads: usize) -> u64 {
+    let tile =
+        |found: &Found| if let Found::Tiled { file, .. } = found { Some(file.tile_bytes()) } else { None };
+    found.iter().filter_map(tile).max().map_or(0, |tile| least_budget(tile, threads))
+}
+
 /// `whole` bytes of the budget go to images that cannot be had tile by tile, or are in memory anyway;
 /// `room` is what tiles need beside them.
-pub(super) fn too_small(options: &TextureOptions, whole: u64, room: u64) -> Error {
-    let TextureOptions { budget, threads, .. } = options;
+pub(super) fn too_small(budget: u64, threads: usize, whole: u64, room: u64) -> Error {
     let least = whole.saturating_add(room);
     let what = match (whole, room) {
         (_, 0) => format!("images that are needed whole take {least} (--texture-memory {least})"),

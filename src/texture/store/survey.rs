@@ -58,6 +58,20 @@ impl Survey {
         self.found.iter().any(|found| matches!(found, Found::Tiled { .. }))
     }
 
+    /// Whether they can be had in `budget` bytes with `threads` that look up at once, as far as is known before any is
+    /// decoded: where a tiled copy is to be made of one, nothing is said, since only its texels tell how large its tiles are.
+    ///
+    /// # Errors
+    /// That of [`TextureStore::load`](crate::texture::TextureStore::load) when `budget` is too small.
+    pub fn check(&self, budget: u64, threads: usize) -> Result<()> {
+        let (whole, room) = (find::whole_bytes(&self.found), find::tile_room(&self.found, threads));
+        let may_tile = |found: &Found| matches!(found, Found::Plain { may_tile: true, .. });
+        if budget >= whole.saturating_add(room) || self.found.iter().any(may_tile) {
+            return Ok(());
+        }
+        Err(find::too_small(budget, threads, whole, room))
+    }
+
     /// Least bytes that they work in, with `threads` that look up at once: what is needed whole, and tiles of the rest.
     #[must_use]
     pub fn least_bytes(&self, threads: usize) -> u64 {
