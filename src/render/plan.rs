@@ -4,7 +4,7 @@
 //! Never loads vertices or texels.
 
 use super::stage::{effective_film, threads_of};
-use super::stream::{DEFAULT_RAY_MEMORY, least_ray_memory, workers};
+use super::stream::{DEFAULT_RAY_MEMORY, least_ray_memory, spills, workers};
 use crate::error::Result;
 use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
 use crate::geometry::pages::{DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, least_page_budget};
@@ -63,7 +63,8 @@ impl Planned {
             tiled_files: images.has_tiled_files(),
             environments: environments(scene),
         };
-        let limits = Limits { page_bytes: page_bytes(settings), threads, images: &images };
+        let spills = spills(settings);
+        let limits = Limits { page_bytes: page_bytes(settings), threads, spills, images: &images };
         let plan = prepare::plan(scene, film, &headers, &limits, settings)?;
         Ok(Self { plan, needs, images, view })
     }
@@ -103,6 +104,7 @@ fn environments(scene: &SceneDescription) -> u64 {
 struct Limits<'a> {
     page_bytes: usize,
     threads: usize,
+    spills: bool,
     images: &'a Survey,
 }
 
@@ -126,7 +128,7 @@ impl Least for Limits<'_> {
     }
 
     fn rays(&self) -> u64 {
-        least_ray_memory(self.threads)
+        least_ray_memory(self.threads, self.spills)
     }
 
     fn usual_rays(&self) -> u64 {

@@ -2,10 +2,13 @@
 //!
 //! Invariant: no lock is held while a ray is traced.
 
-use super::bag::Taken;
+use super::bag::{Bag, Taken};
+use super::meter::Piece;
 use super::queues::{Load, Met, Queues};
+use super::spill::{Run, Spill};
 use super::{Fresh, Sink, Traveller};
 use crate::accel::{Accel, Hit, NONE, Ray};
+use crate::permits;
 use bytemuck::Pod;
 
 /// Rays between two looks at whether to stop: where memory is tight each may wait for many pages.
@@ -22,11 +25,37 @@ pub(super) struct Worker<'q, 'g, A: ?Sized, P, T, S> {
     pub(super) stop: &'q (dyn Fn() -> bool + Sync),
     pub(super) fresh: Fresh<P, T>,
     pub(super) keys: Vec<Key>,
+    /// For what comes from the file: a run has room in it.
+    pub(super) hand: Vec<Piece>,
 }
 
 impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_, A, P, T, S> {
-    /// Traces what was taken in the order of rays; not all of it when it is to stop.
-    pub(super) fn visit(&mut self, voxel: usize, load: Load<P, T>) {
+    /// Traces what was taken; not all of it when it is to stop, or when some of it is lost. What lies in the file is asked
+    /// for first, and comes while what is in memory is traced.
+    pub(super) fn visit(&mut self, voxel: usize, mut load: Load<P, T>) {
+        let Some(spill) = self.queues.room.spill else { return self.trace(voxel, load, false) };
+        let mut runs = std::mem::take(&mut load.runs);
+        Bag::<P, Met>::expect(&runs.met, spill);
+        Bag::<T, f32>::expect(&runs.tests, spill);
+        Bag::<P, f32>::expect(&runs.open, spill);
+        self.trace(voxel, load, false);
+        while !(runs.met.is_empty() && runs.tests.is_empty() && runs.open.is_empty()) {
+            let hand = &mut self.hand;
+            let load = permits::lend(|| Load {
+                met: fetch(&mut runs.met, hand, spill),
+                tests: fetch(&mut runs.tests, hand, spill),
+                open: fetch(&mut runs.open, hand, spill),
+                ..Load::default()
+            });
+            if spill.is_lost() || (self.stop)() {
+                break;
+            }
+            self.trace(voxel, load, true);
+        }
+    }
+
+    /// Traces `load` in the order of rays. Its pieces are this thread's own if they come from the file.
+    fn trace(&mut self, voxel: usize, load: Load<P, T>, own: bool) {
         let Load { open, met, tests, .. } = load;
         let mut keys = std::mem::take(&mut self.keys);
         self.sort(&tests, &mut keys);
@@ -37,7 +66,7 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
             let (item, from) = tests[i as usize].get(j as usize);
             self.test(voxel, item, from);
         }
-        self.give(tests);
+        self.give(tests, own);
         self.sort(&open, &mut keys);
         for (&(_, i, j), n) in keys.iter().zip(0..) {
             if self.stops(n) {
@@ -46,7 +75,7 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
             let (item, from) = open[i as usize].get(j as usize);
             self.path(voxel, item, from, &Hit::MISS);
         }
-        self.give(open);
+        self.give(open, own);
         for taken in &met {
             for i in 0..taken.len() {
                 if self.stops(i) {
@@ -56,7 +85,7 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
                 self.path(voxel, item, from, &hit);
             }
         }
-        self.give(met);
+        self.give(met, own);
         self.keys = keys;
     }
 
@@ -75,8 +104,13 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
         keys.sort_unstable();
     }
 
-    fn give<R: Traveller, E: Pod>(&self, rays: Vec<Taken<R, E>>) {
-        rays.into_iter().for_each(|taken| taken.give(self.queues.meter));
+    fn give<R: Traveller, E: Pod>(&mut self, rays: Vec<Taken<R, E>>, own: bool) {
+        let pieces = rays.into_iter().map(Taken::into_piece);
+        if own {
+            self.hand.extend(pieces);
+        } else {
+            self.queues.room.rays.give(pieces);
+        }
     }
 
     /// Where a ray goes from `voxel`.
@@ -147,4 +181,21 @@ impl<A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'_, '_
         }
         queues.wake();
     }
+}
+
+/// Reads as many of `runs` as `hand` has room for; nothing more where one is lost.
+fn fetch<R: Traveller, E: Pod>(
+    runs: &mut Vec<Run>,
+    hand: &mut Vec<Piece>,
+    spill: &Spill,
+) -> Vec<Taken<R, E>> {
+    let mut read = Vec::new();
+    while let Some(run) = runs.last()
+        && !spill.is_lost()
+        && let Some(taken) = Bag::<R, E>::fetch(run, hand, spill)
+    {
+        read.extend(taken);
+        runs.pop();
+    }
+    read
 }

@@ -40,6 +40,8 @@ mod plan;
 #[cfg(unix)]
 mod plan_memory;
 mod report_page;
+#[cfg(unix)]
+mod spill;
 mod texture_files;
 mod textures;
 #[cfg(unix)]
