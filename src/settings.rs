@@ -203,6 +203,8 @@ pub struct RenderSettings {
     pub schedule: Schedule,
     /// Bytes of paths in flight and their rays, where they wait; `None` means 256 MiB.
     pub ray_memory: Option<u64>,
+    /// Bytes of a file in the cache directory for rays that wait and have no room in memory; `None` means 0, no file.
+    pub ray_disk: Option<u64>,
     /// Voxels of the scheduling grid that have geometry in them, about; `None` means a number that follows from what
     /// fits in memory.
     pub voxels: Option<u32>,

@@ -69,6 +69,9 @@ pub(super) struct SettingsOptions {
     /// Bytes of paths in flight and their rays where they wait (schedules sorted and voxel); 256M if not given
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
     ray_memory: Option<u64>,
+    /// Bytes of a file in the cache directory for rays that have no room in --ray-memory: 4G; 0, no file, if not given
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes_or_none, allow_negative_numbers = true)]
+    ray_disk: Option<u64>,
     /// Voxels of the scheduling grid, about; a number that follows from what fits in memory if not given
     #[arg(long, value_name = "N", value_parser = values::voxels, allow_negative_numbers = true)]
     voxels: Option<u32>,
@@ -136,6 +139,7 @@ impl SettingsOptions {
             page_bytes: Some(usize::try_from(self.page_size).unwrap_or(usize::MAX)),
             schedule: self.schedule,
             ray_memory: self.ray_memory,
+            ray_disk: self.ray_disk,
             voxels: self.voxels,
             texture_latency_seconds: self.texture_latency_ms * 1e-3,
             cache_dir: self.cache_dir.clone(),

@@ -55,6 +55,11 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     Ok(bytes as u64)
 }
 
+/// [`bytes`], or 0.
+pub(super) fn bytes_or_none(text: &str) -> Result<u64, String> {
+    if text.trim() == "0" { Ok(0) } else { bytes(text) }
+}
+
 /// Milliseconds of a simulated delay, up to a minute.
 pub(super) fn milliseconds(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {

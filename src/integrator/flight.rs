@@ -6,7 +6,7 @@
 
 use super::kernel::Kernel;
 use super::path::{Path, Shadow, Wave, World};
-use super::units::{Film, SAMPLE_BITS, UNIT, UNIT_PIECES, Unit, Units};
+use super::units::{Film, SAMPLE_BITS, UNIT, Unit, Units, unit_pieces};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::clock::{Room, enter};
 use crate::color::Rgb;
@@ -26,7 +26,7 @@ const WAVE: usize = 1 << 10;
 /// Bytes that a unit takes at most, if no more light samples wait than paths do.
 #[must_use]
 pub const fn unit_bytes<K: Kernel>() -> usize {
-    UNIT_PIECES * PIECE_BYTES + UNIT * (size_of::<Flight<K>>() + size_of::<Probe>() + size_of::<Hit>())
+    unit_pieces(UNIT) * PIECE_BYTES + UNIT * (size_of::<Flight<K>>() + size_of::<Probe>() + size_of::<Hit>())
 }
 
 /// Bytes of a hit that waits to be shaded, and of what follows from it.

@@ -28,8 +28,11 @@ const _: () = assert!(MOST_UNITS as u64 * UNIT as u64 <= 1 << 32, "slots name al
 
 /// Samples whose sums lie in one piece.
 const IN_A_PIECE: usize = WORDS * 4 / size_of::<Sums>();
-/// Pieces of a unit's sums.
-pub const UNIT_PIECES: usize = UNIT / IN_A_PIECE;
+/// Pieces of the sums of a unit of so many samples.
+#[must_use]
+pub const fn unit_pieces(samples: usize) -> usize {
+    samples.div_ceil(IN_A_PIECE)
+}
 
 /// Where samples come from and go to; units are counted from zero.
 pub trait Film<K: Kernel>: Sync {

@@ -11,7 +11,7 @@ use super::load::open_pages;
 use super::plan::looking_up;
 use super::rounds::{Rounds, samples_asked};
 use super::stage::{Stage, effective_film, emitters_only, pool};
-use super::stream::{Waiting, check_ray_memory};
+use super::stream::{Queued, RayRoom, Waiting, check_ray_memory};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::{Error, Result};
@@ -167,7 +167,7 @@ impl Frames<'_, '_> {
         };
         let ray_memory = plan.ray_memory;
         if waiting.is_some() {
-            check_ray_memory(ray_memory, threads)?;
+            check_ray_memory(ray_memory, threads, settings)?;
         }
         let job = Job {
             world,
@@ -197,8 +197,16 @@ impl Frames<'_, '_> {
             start: Instant::now(),
         };
         let traced = || match &waiting {
-            None => (job.run(threads), SchedulerStats::default()),
-            Some(waiting) => job.run_in_queues(threads, waiting, ray_memory, plan.table_room()),
+            None => Ok(Queued { counters: job.run(threads), ..Queued::default() }),
+            Some(waiting) => {
+                let room = RayRoom {
+                    memory: ray_memory,
+                    tables: plan.table_room(),
+                    disk: settings.ray_disk.unwrap_or(0),
+                    directory: settings.cache_dir.as_deref(),
+                };
+                job.run_in_queues(threads, waiting, &room)
+            }
         };
         let run = || keeper.as_ref().map_or_else(traced, |keeper| keeper.during(&job, traced));
         let balance = match (textures.store().cache(), &geometry.pages) {
@@ -207,10 +215,11 @@ impl Frames<'_, '_> {
             }
             _ => None,
         };
-        let (counters, scheduler) = match &balance {
+        let queued = match &balance {
             Some(balance) => balance.during(run),
             None => run(),
         };
+        let Queued { counters, stats: scheduler, note } = queued?;
         let render_s = job.start.elapsed().as_secs_f64();
 
         let interrupted = job.stopped.load(Ordering::Relaxed);
@@ -302,6 +311,7 @@ impl Frames<'_, '_> {
         stats.finish(&counters);
         let mut notes = textures.store().notes().to_vec();
         notes.extend_from_slice(&geometry.notes);
+        notes.extend(note);
         if let (Some(rounds), false) = (&job.rounds, interrupted) {
             notes.extend(rounds.unmet(&job.buffer));
         }

@@ -58,6 +58,7 @@ pub(super) fn identity(
         page_bytes: _,
         schedule: _,
         ray_memory: _,
+        ray_disk: _,
         voxels: _,
         texture_latency_seconds: _,
         cache_dir: _,

@@ -90,20 +90,26 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 self.crew(workers(threads), |counters| permits.hold(|| self.work::<K>(round, counters)))
             };
             total.merge(&counted);
+            true
         });
         total
     }
 
-    /// Calls `work` for each round, or once where there are none.
-    pub(super) fn by_rounds(&self, mut work: impl FnMut(Option<&Round>)) {
-        let Some(rounds) = &self.rounds else { return work(None) };
+    /// Calls `work` for each round, or once where there are none, as long as it says that it can go on.
+    pub(super) fn by_rounds(&self, mut work: impl FnMut(Option<&Round>) -> bool) {
+        let Some(rounds) = &self.rounds else {
+            work(None);
+            return;
+        };
         while let Some(round) = rounds.next(&self.buffer) {
             if self.should_stop() {
                 break;
             }
             self.regions_left.store(round.tiles(), Ordering::Relaxed);
             self.say_progress(self.samples.load(Ordering::Relaxed));
-            work(Some(&round));
+            if !work(Some(&round)) {
+                break;
+            }
         }
     }
 

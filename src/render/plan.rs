@@ -4,7 +4,7 @@
 //! Never loads vertices or texels.
 
 use super::stage::{effective_film, threads_of};
-use super::stream::{DEFAULT_RAY_MEMORY, check_ray_memory, least_ray_memory, workers};
+use super::stream::{DEFAULT_RAY_MEMORY, check_ray_memory, least_ray_memory, spills, workers};
 use crate::error::Result;
 use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
 use crate::geometry::pages::{
@@ -65,7 +65,8 @@ impl Planned {
             tiled_files: images.has_tiled_files(),
             environments: environments(scene),
         };
-        let limits = Limits { page_bytes: page_bytes(settings), threads, images: &images };
+        let spills = spills(settings);
+        let limits = Limits { page_bytes: page_bytes(settings), threads, spills, images: &images };
         let plan = prepare::plan(scene, film, &headers, &limits, settings)?;
         Ok(Self { plan, needs, images, view })
     }
@@ -90,7 +91,7 @@ pub fn plan(scene: &SceneDescription, settings: &RenderSettings) -> Result<PlanS
         check_page_budget(budget, page_bytes(settings), looking_up(&plan, threads))?;
     }
     if plan.schedule != Schedule::Depth && (sure || settings.schedule == plan.schedule) {
-        check_ray_memory(plan.ray_memory, threads)?;
+        check_ray_memory(plan.ray_memory, threads, settings)?;
     }
     Ok(plan.stats)
 }
@@ -118,6 +119,7 @@ fn environments(scene: &SceneDescription) -> u64 {
 struct Limits<'a> {
     page_bytes: usize,
     threads: usize,
+    spills: bool,
     images: &'a Survey,
 }
 
@@ -141,7 +143,7 @@ impl Least for Limits<'_> {
     }
 
     fn rays(&self) -> u64 {
-        least_ray_memory(self.threads)
+        least_ray_memory(self.threads, self.spills)
     }
 
     fn usual_rays(&self) -> u64 {

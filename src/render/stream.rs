@@ -14,11 +14,14 @@ use crate::geometry::pages::PageStore;
 use crate::integrator::flight::{Flight, GATHERED, Probe, Shader, hit_bytes, unit_bytes};
 use crate::integrator::kernel::{General, Kernel, with_kernel};
 use crate::integrator::path::Wave;
-use crate::integrator::units::{Film, MOST_UNITS, UNIT, UNIT_PIECES, Units};
+use crate::integrator::units::{Film, MOST_UNITS, UNIT, Units, unit_pieces};
 use crate::permits::{Permits, lock};
-use crate::schedule::{Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Queues, Residency};
+use crate::schedule::{Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Queues, Residency, Space, Spill};
+use crate::settings::RenderSettings;
 use crate::stats::{Counters, SchedulerStats};
+use crate::texture::cache_dir;
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Mutex;
 
 /// Memory for rays where nobody says how much.
@@ -83,31 +86,69 @@ impl Residency for PageStore {
     }
 }
 
+/// What rays that wait may take.
+pub(super) struct RayRoom<'a> {
+    /// Bytes of memory.
+    pub(super) memory: u64,
+    /// Bytes of tables beside; what they take more they take from there.
+    pub(super) tables: u64,
+    /// Bytes of a file, and the directory for it; the user's cache directory if none is named.
+    pub(super) disk: u64,
+    pub(super) directory: Option<&'a Path>,
+}
+
+/// What came of rays.
+#[derive(Default)]
+pub(super) struct Queued {
+    pub(super) counters: Counters,
+    pub(super) stats: SchedulerStats,
+    /// What a person should know.
+    pub(super) note: Option<String>,
+}
+
+/// Whether rays without room in memory go to a file.
+pub(super) fn spills(settings: &RenderSettings) -> bool {
+    settings.ray_disk.is_some_and(|bytes| bytes > 0)
+}
+
+/// Of memory for rays: a part for tables of the file, and of the rest one for the rays that are at hand; all else has the sums
+/// of samples on their way, which stay, and so are what bounds how many there are.
+const SPILL_TABLES: usize = 16;
+const SPILL_RAYS: usize = 4;
+
 /// What threads have in their hands.
 struct Hands {
     /// Hits that each gathers to shade, and rays that it takes.
     gathered: usize,
     taken: usize,
+    /// Pieces that each has for what comes from a file.
+    pieces: usize,
     /// Bytes of it all.
     bytes: usize,
 }
 
 impl Hands {
     /// Of `workers` threads: at most a quarter of `memory`, but so much that work is worth while.
-    fn new<K: Kernel>(memory: usize, workers: usize, most_taken: usize) -> Self {
+    fn new<K: Kernel>(memory: usize, workers: usize, most_taken: usize, spills: bool) -> Self {
         let (hit, ray) = (hit_bytes::<K>(), Queues::<Flight<K>, Probe>::RAY_BYTES);
         let each = memory / (8 * workers);
         let gathered = (each / hit).clamp(16, GATHERED);
         let taken = (each / ray).clamp(64, most_taken);
         // Rays are taken by whole pieces of memory.
         let rays = taken + PIECE_BYTES / size_of::<Flight<K>>();
-        Self { gathered, taken, bytes: workers * (gathered * hit + rays * ray) }
+        let read = (taken * size_of::<Flight<K>>() / PIECE_BYTES).clamp(1, MOST_READ);
+        let pieces = if spills { read } else { 0 };
+        let bytes = workers * (gathered * hit + rays * ray + pieces * PIECE_BYTES);
+        Self { gathered, taken, pieces, bytes }
     }
 }
 
+/// Pieces that are read at once, at most: 64 KiB.
+const MOST_READ: usize = 16;
+
 /// Least memory for rays that works, whatever the kernel: a film tile's paths, and what threads have in their hands.
-pub(super) fn least_ray_memory(threads: usize) -> u64 {
-    let hands = Hands::new::<General>(0, workers(threads), TAKEN.0).bytes;
+pub(super) fn least_ray_memory(threads: usize, spills: bool) -> u64 {
+    let hands = Hands::new::<General>(0, workers(threads), TAKEN.0, spills).bytes;
     (unit_bytes::<General>() + hands) as u64 * 4 / 3
 }
 
@@ -115,8 +156,8 @@ pub(super) fn least_ray_memory(threads: usize) -> u64 {
 ///
 /// # Errors
 /// [`Error::Usage`] when it is too small.
-pub(super) fn check_ray_memory(bytes: u64, threads: usize) -> Result<()> {
-    let least = least_ray_memory(threads);
+pub(super) fn check_ray_memory(bytes: u64, threads: usize, settings: &RenderSettings) -> Result<()> {
+    let least = least_ray_memory(threads, spills(settings));
     if bytes < least {
         return Err(Error::Usage(format!(
             "a ray memory of {bytes} bytes is too small: --ray-memory {least} would do, for the paths of one film tile \
@@ -163,28 +204,29 @@ impl<A: Accel + ?Sized, K: Kernel> Film<K> for Part<'_, '_, A> {
 }
 
 impl<A: Accel + ?Sized> Job<'_, A> {
-    /// Renders with rays that wait in at most `ray_memory` bytes; tables beside them that take more than
-    /// `table_room` take it from there.
+    /// Renders with rays that wait, in `room`.
+    ///
+    /// # Errors
+    /// [`Error::Resource`] when rays that went to a file cannot be read again.
     pub(super) fn run_in_queues(
         &self,
         threads: usize,
         waiting: &Waiting<'_>,
-        ray_memory: u64,
-        table_room: u64,
-    ) -> (Counters, SchedulerStats) {
-        with_kernel!(self.world.kernel(), K => self.queues_with::<K>(threads, waiting, ray_memory, table_room))
+        room: &RayRoom<'_>,
+    ) -> Result<Queued> {
+        with_kernel!(self.world.kernel(), K => self.queues_with::<K>(threads, waiting, room))
     }
 
     fn queues_with<K: Kernel>(
         &self,
         threads: usize,
         waiting: &Waiting<'_>,
-        ray_memory: u64,
-        table_room: u64,
-    ) -> (Counters, SchedulerStats) {
+        room: &RayRoom<'_>,
+    ) -> Result<Queued> {
         (self.control.progress)(Progress::Phase("rendering"));
         let mut counters = Counters::default();
-        let mut stats = SchedulerStats { ray_memory, ..SchedulerStats::default() };
+        let RayRoom { memory: ray_memory, disk, .. } = *room;
+        let mut stats = SchedulerStats { ray_memory, ray_disk: disk, ..SchedulerStats::default() };
         let (grid, residency, taken) = match waiting {
             Waiting::Sorted => (Grid::new(&[], 0), None, TAKEN.1),
             Waiting::Voxel { pages, voxels } => {
@@ -206,36 +248,46 @@ impl<A: Accel + ?Sized> Job<'_, A> {
         // Many times as many as memory holds, so that the end of a part, where few rays are left, costs little.
         let in_part = |bytes: usize| (bytes / unit_bytes::<K>() * 64).min(MOST_UNITS as usize) as u64;
         let bytes = usize::try_from(ray_memory).unwrap_or(usize::MAX);
-        stats.index_bytes = (grid.bytes() + Queues::<Flight<K>, Probe>::bytes_of(grid.len())) as u64
+        stats.index_bytes = (grid.bytes() + Queues::<Flight<K>, Probe>::bytes_of(grid.len(), disk > 0))
+            as u64
             + in_part(bytes).min(total) * Units::PLACE_BYTES as u64
             + residency.map_or(0, Residency::index_bytes);
-        let bytes = bytes.saturating_sub(stats.index_bytes.saturating_sub(table_room) as usize);
+        let bytes = bytes.saturating_sub(stats.index_bytes.saturating_sub(room.tables) as usize);
         let in_part = in_part(bytes);
-        let Hands { gathered, taken, bytes: hands } = Hands::new::<K>(bytes, workers(threads), taken);
+        let Hands { gathered, taken, pieces, bytes: hands } =
+            Hands::new::<K>(bytes, workers(threads), taken, disk > 0);
         // Where all come past one queue nobody gains by sharing.
         let shares = if residency.is_some() { SHARES } else { 1 };
         let voxels = threads.div_ceil(THREADS_A_VOXEL);
-        let meter = Meter::new(bytes.saturating_sub(hands));
-        let limits = Limits {
-            begun: UNIT_PIECES,
-            begin: unit_bytes::<K>().div_ceil(PIECE_BYTES),
-            taken,
-            shares,
-            voxels,
+        let tables = if disk > 0 { bytes / SPILL_TABLES } else { 0 };
+        let bytes = bytes.saturating_sub(hands + tables);
+        let begun = unit_pieces(self.most_samples());
+        let spill = match (disk, room.directory) {
+            (0, _) => None,
+            (_, Some(directory)) => Some(Spill::new(directory.to_owned(), disk, tables, pieces)),
+            (_, None) => Some(Spill::new(cache_dir::default_dir()?, disk, tables, pieces)),
         };
+        // Where rays may leave for a file, sums that stay must not take all memory from them.
+        let apart = spill.as_ref().map(|_| (bytes - bytes / SPILL_RAYS).max(begun * PIECE_BYTES));
+        let of_units = apart.map(Meter::new);
+        let meter = Meter::new(bytes.saturating_sub(apart.unwrap_or(0)));
+        let places =
+            Space { rays: &meter, begun: of_units.as_ref().unwrap_or(&meter), spill: spill.as_ref() };
+        let limits = Limits { begun, begin: unit_bytes::<K>().div_ceil(PIECE_BYTES), taken, shares, voxels };
         self.by_rounds(|round| {
             let total = round.map_or(total, Round::passes);
             let mut first = 0;
-            while first < total && !self.should_stop() {
+            let lost = || spill.as_ref().is_some_and(Spill::is_lost);
+            while first < total && !self.should_stop() && !lost() {
                 let count = (total - first).min(in_part) as u32;
-                let units = Units::new(count, &meter);
+                let units = Units::new(count, places.begun);
                 let part = Part { job: self, round, first, early: Mutex::default() };
                 let record = ledger.take().expect("who writes in it gives it back");
-                let queues = Queues::new(&grid, record, order, limits, &meter);
+                let queues = Queues::new(&grid, record, order, limits, places);
                 let permits = Permits::new(threads);
                 let counted = self.crew(workers(threads), |counters| {
                     permits.hold(|| {
-                        let stop = || self.should_stop();
+                        let stop = || self.should_stop() || lost();
                         let mut shader =
                             Shader::<A, K>::new(self.world, &units, &part, counters, gathered, &stop);
                         queues.work(self.world.accel, &mut shader, &stop);
@@ -247,10 +299,26 @@ impl<A: Accel + ?Sized> Job<'_, A> {
                 first += u64::from(count);
                 stats.batches += 1;
             }
+            !lost()
         });
-        stats.ray_memory_peak = (meter.bytes() + hands) as u64;
+        let mut peak = meter.bytes() + of_units.as_ref().map_or(0, Meter::bytes) + hands;
         ledger.iter().for_each(|ledger| ledger.report(&mut stats));
-        (counters, stats)
+        let mut note = None;
+        if let Some(spill) = &spill {
+            if let Some(line) = spill.lost() {
+                return Err(Error::Resource(line.to_owned()));
+            }
+            spill.report(&mut stats);
+            peak += spill.table_bytes();
+            note = spill.refused().map(str::to_owned);
+        }
+        stats.ray_memory_peak = peak as u64;
+        Ok(Queued { counters, stats, note })
+    }
+
+    /// Samples of a unit, at most.
+    fn most_samples(&self) -> usize {
+        (TILE * TILE * PASS.min(self.spp)) as usize
     }
 
     /// Which tile and pass unit `i` of `round` is, or of all.

@@ -260,6 +260,17 @@ fn write_scheduler(stats: &SchedulerStats, out: &mut impl Write) -> io::Result<(
         let (peak, allowed) = (bytes(stats.ray_memory_peak), bytes(stats.ray_memory));
         writeln!(out, "          rays that wait took {peak} of {allowed}")?;
     }
+    if stats.ray_disk > 0 {
+        writeln!(
+            out,
+            "          {} of rays went to a file, at most {} of {} at once; writing took {}, reading {}",
+            bytes(stats.spilled_bytes),
+            bytes(stats.spilled_peak_bytes),
+            bytes(stats.ray_disk),
+            seconds(stats.spill_write_s),
+            seconds(stats.spill_read_s)
+        )?;
+    }
     if stats.voxels > 0 {
         let [x, y, z] = stats.grid;
         writeln!(
@@ -324,8 +335,12 @@ mod tests {
         (scheduler.batches, scheduler.paths_in_flight_peak, scheduler.grid) = (3, 900_000, [8, 4, 2]);
         (scheduler.voxel_visits, scheduler.rays_per_visit) = (1200, 4560.0);
         (scheduler.ray_memory, scheduler.ray_memory_peak) = (256_000_000, 201_000_000);
+        (scheduler.ray_disk, scheduler.spilled_bytes, scheduler.spilled_peak_bytes) =
+            (4_000_000_000, 70_000_000, 8_000_000);
+        (scheduler.spill_write_s, scheduler.spill_read_s) = (0.25, 1.5);
         let text = text(&stats);
         for needed in [
+            "70.0 MB of rays went to a file, at most 8.00 MB of 4.00 GB at once; writing took 0.250 s, reading 1.50 s",
             "scheduler voxel: pages come and go\n",
             "3 batches, at most 900 k paths in flight",
             "took 201 MB of 256 MB",

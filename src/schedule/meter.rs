@@ -31,6 +31,16 @@ impl Meter {
         Self { limit: bytes / PIECE_BYTES, made: AtomicUsize::new(0), unused: Mutex::default() }
     }
 
+    /// So many pieces that no meter counts.
+    pub(super) fn apart(count: usize) -> Vec<Piece> {
+        (0..count).map(|_| Box::new([0; WORDS])).collect()
+    }
+
+    /// Pieces, at most.
+    pub(super) fn limit(&self) -> usize {
+        self.limit
+    }
+
     fn unused(&self) -> MutexGuard<'_, Vec<Piece>> {
         lock(&self.unused)
     }

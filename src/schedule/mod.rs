@@ -14,6 +14,10 @@ mod ledger;
 mod meter;
 mod order;
 mod queues;
+mod spill;
+#[cfg(test)]
+mod spill_tests;
+mod spilling;
 #[cfg(test)]
 mod tests;
 mod worker;
@@ -22,7 +26,8 @@ pub use grid::Grid;
 pub use ledger::{Ledger, Residency};
 pub use meter::{Meter, PIECE_BYTES, Piece, WORDS};
 pub use order::Order;
-pub use queues::{Limits, Queues};
+pub use queues::{Limits, Queues, Space};
+pub use spill::Spill;
 
 use crate::accel::{Hit, Ray};
 

@@ -1,13 +1,14 @@
 //! The queues of all voxels, and what a thread does with them.
 //!
 //! A ray is traced in one voxel only against what it enters there, then goes on to the queue of the next voxel with
-//! pages on its way. When there is no room for it in any queue it is traced to its end where it is: slower, but never
-//! more memory and never a standstill.
+//! pages on its way. When there is no room in memory some of those that wait go to a file (`spilling.rs`); when there is none
+//! there either it is traced to its end where it is: slower, but never more memory and never a standstill.
 //!
 //! Invariant: bytes of queues stay below their limit, but for what threads have in their hands; no lock is held while a
 //! ray is traced.
 
 use super::bag::{Bag, Taken};
+use super::spill::{Run, Spill};
 use super::worker::{Key, Worker};
 use super::{Grid, Ledger, Meter, Order, Piece, Sink, Traveller};
 use crate::accel::{Accel, Hit};
@@ -32,6 +33,17 @@ pub struct Limits {
     pub voxels: usize,
 }
 
+/// Where what waits lies.
+#[derive(Clone, Copy, Debug)]
+pub struct Space<'g> {
+    /// Rays.
+    pub rays: &'g Meter,
+    /// What [`Sink::begin`] keeps; the same where there is no file, so that each has what the other leaves.
+    pub begun: &'g Meter,
+    /// Rays without room in memory.
+    pub spill: Option<&'g Spill>,
+}
+
 /// Rays that are worth being taken.
 const LEAST_TAKEN: usize = 64;
 
@@ -48,7 +60,7 @@ impl<P: Traveller, T: Traveller> Queue<P, T> {
         Self { open: Bag::new(), met: Bag::new(), tests: Bag::new() }
     }
 
-    fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.open.len() + self.met.len() + self.tests.len()
     }
 }
@@ -66,33 +78,50 @@ pub(super) struct Load<P, T> {
     pub(super) open: Vec<Taken<P, f32>>,
     pub(super) met: Vec<Taken<P, Met>>,
     pub(super) tests: Vec<Taken<T, f32>>,
-    len: usize,
+    /// What of each lies in the file.
+    pub(super) runs: Runs,
+    /// Rays in all.
+    pub(super) len: usize,
+}
+
+/// Open, met and tests.
+#[derive(Default)]
+pub(super) struct Runs {
+    pub(super) open: Vec<Run>,
+    pub(super) met: Vec<Run>,
+    pub(super) tests: Vec<Run>,
+}
+
+impl<P, T> Default for Load<P, T> {
+    fn default() -> Self {
+        Self { open: Vec::new(), met: Vec::new(), tests: Vec::new(), runs: Runs::default(), len: 0 }
+    }
 }
 
 /// The queues of a render.
 pub struct Queues<'g, P, T> {
     pub(super) grid: &'g Grid,
     pub(super) order: Order,
-    limits: Limits,
+    pub(super) limits: Limits,
     /// By voxel; the last one for rays that come past none.
     pub(super) queues: Vec<Mutex<Queue<P, T>>>,
     /// How many rays each has.
-    lengths: Vec<AtomicUsize>,
-    pub(super) meter: &'g Meter,
+    pub(super) lengths: Vec<AtomicUsize>,
+    pub(super) room: Space<'g>,
     /// Rays in all queues.
     waiting: AtomicUsize,
-    state: Mutex<State<'g>>,
+    pub(super) state: Mutex<State<'g>>,
     changed: Condvar,
     /// Threads that wait for a change.
     idle: AtomicUsize,
 }
 
-struct State<'g> {
+pub(super) struct State<'g> {
     ledger: Ledger<'g>,
     /// Threads that may yet put rays into queues.
     busy: usize,
     /// Voxels whose rays are being traced, and by how many threads.
-    active: Vec<(u32, u32)>,
+    pub(super) active: Vec<(u32, u32)>,
     /// Whether there are rays that have not begun.
     more: bool,
     done: bool,
@@ -120,15 +149,16 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
     /// Bytes that a ray takes which a thread has taken, beside those of its queue: its key, and what may follow from it.
     pub const RAY_BYTES: usize = size_of::<Key>() + size_of::<P>() + size_of::<T>();
 
-    /// Bytes of the tables for `voxels` voxels.
+    /// Bytes of the tables for `voxels` voxels, whose rays go to a file or not.
     #[must_use]
-    pub fn bytes_of(voxels: usize) -> usize {
-        (voxels + 1) * (size_of::<Mutex<Queue<P, T>>>() + size_of::<AtomicUsize>())
+    pub fn bytes_of(voxels: usize, spills: bool) -> usize {
+        let choice = if spills { Self::CHOICE_BYTES } else { 0 };
+        (voxels + 1) * (size_of::<Mutex<Queue<P, T>>>() + size_of::<AtomicUsize>() + choice)
     }
 
     /// Empty, one for each voxel of `grid`.
     #[must_use]
-    pub fn new(grid: &'g Grid, ledger: Ledger<'g>, order: Order, limits: Limits, meter: &'g Meter) -> Self {
+    pub fn new(grid: &'g Grid, ledger: Ledger<'g>, order: Order, limits: Limits, room: Space<'g>) -> Self {
         let count = grid.len() + 1;
         Self {
             grid,
@@ -136,7 +166,7 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             limits,
             queues: (0..count).map(|_| Mutex::new(Queue::new())).collect(),
             lengths: (0..count).map(|_| AtomicUsize::new(0)).collect(),
-            meter,
+            room,
             waiting: AtomicUsize::new(0),
             state: Mutex::new(State { ledger, busy: 0, active: Vec::new(), more: true, done: false }),
             changed: Condvar::new(),
@@ -161,16 +191,17 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         let _end = EndOnPanic(self);
         enter(Room::Queues);
         lock(&self.state).busy += 1;
-        let mut worker = Worker::new(self, accel, sink, stop);
+        let hand = self.room.spill.map_or_else(Vec::new, |spill| Meter::apart(spill.run_pieces()));
+        let mut worker = Worker::new(self, accel, sink, stop, hand);
         let mut last = None;
         loop {
-            if stop() {
+            if stop() || self.room.spill.is_some_and(Spill::is_lost) {
                 return self.end();
             }
             match self.next() {
                 Step::Begin(pieces) => {
                     if let Some(pieces) = worker.sink.begin(pieces, &mut worker.fresh) {
-                        self.meter.give(pieces);
+                        self.room.begun.give(pieces);
                         lock(&self.state).more = false;
                     }
                     worker.place();
@@ -224,7 +255,8 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         }
         // There are some, and room for them, or nothing else is on its way.
         if state.more
-            && let Some(pieces) = self.meter.several(self.limits.begun, self.limits.begin)
+            && let Some(room) = self.room_to_begin()
+            && let Some(pieces) = self.room.begun.several(self.limits.begun, room)
         {
             return Step::Begin(pieces);
         }
@@ -246,6 +278,13 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         Step::Visit(voxel, taken)
     }
 
+    /// Pieces that there must be room for beside what has begun, if rays find room.
+    fn room_to_begin(&self) -> Option<usize> {
+        let Limits { begun, begin, .. } = self.limits;
+        let Some(spill) = self.room.spill else { return Some(begin) };
+        (spill.is_open() || self.room.rays.has_room(begin.saturating_sub(begun))).then_some(begun)
+    }
+
     /// This thread's rays of `voxel` have been traced.
     fn leave(&self, voxel: usize) {
         let mut state = lock(&self.state);
@@ -258,11 +297,14 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
     }
 
     fn take(&self, voxel: usize, most: usize) -> Load<P, T> {
-        let mut load = Load { open: Vec::new(), met: Vec::new(), tests: Vec::new(), len: 0 };
+        let mut load = Load::default();
+        let spill = self.room.spill;
         let mut queue = lock(&self.queues[voxel]);
-        load.len += queue.met.take(most, &mut load.met);
-        load.len += queue.tests.take(most.saturating_sub(load.len), &mut load.tests);
-        load.len += queue.open.take(most.saturating_sub(load.len), &mut load.open);
+        load.len += queue.met.take(most, &mut load.met, &mut load.runs.met, spill);
+        let left = most.saturating_sub(load.len);
+        load.len += queue.tests.take(left, &mut load.tests, &mut load.runs.tests, spill);
+        let left = most.saturating_sub(load.len);
+        load.len += queue.open.take(left, &mut load.open, &mut load.runs.open, spill);
         self.waiting.fetch_sub(load.len, Ordering::Relaxed);
         self.lengths[voxel].store(queue.len(), Ordering::Relaxed);
         load
@@ -277,13 +319,16 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
         ray: &R,
         extra: &E,
     ) -> bool {
-        let mut queue = lock(&self.queues[voxel]);
-        let added = list(&mut queue).push(ray, extra, self.meter);
-        if added {
-            self.waiting.fetch_add(1, Ordering::Relaxed);
-            self.lengths[voxel].fetch_add(1, Ordering::Relaxed);
-        }
-        added
+        let put = || {
+            let mut queue = lock(&self.queues[voxel]);
+            let added = list(&mut queue).push(ray, extra, self.room.rays);
+            if added {
+                self.waiting.fetch_add(1, Ordering::Relaxed);
+                self.lengths[voxel].fetch_add(1, Ordering::Relaxed);
+            }
+            added
+        };
+        put() || (self.make_room() && put())
     }
 
     /// Says that there are more rays than before.
@@ -308,7 +353,9 @@ impl<'g, P: Traveller, T: Traveller> Queues<'g, P, T> {
             if state.done {
                 return false;
             }
-            if self.choose(&state).is_some() || (state.more && self.meter.has_room(self.limits.begin)) {
+            let begins =
+                || state.more && self.room_to_begin().is_some_and(|room| self.room.begun.has_room(room));
+            if self.choose(&state).is_some() || begins() {
                 state.busy += 1;
                 return true;
             }

@@ -1,6 +1,8 @@
 //! Known answers of the schedule room: ways through grids, and rays that are answered once whatever the limits.
 
-use super::{Fresh, Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Piece, Queues, Sink, Traveller};
+use super::{
+    Fresh, Grid, Ledger, Limits, Meter, Order, PIECE_BYTES, Piece, Queues, Sink, Space, Spill, Traveller,
+};
 use crate::accel::{Accel, Hit, PageBox, Ray};
 use crate::stats::sample_hash;
 use glam::Vec3;
@@ -154,7 +156,7 @@ struct Counting<'c> {
     panic_at: Option<u32>,
 }
 
-const RAYS: u32 = 4000;
+pub(super) const RAYS: u32 = 4000;
 const CHILDREN: u32 = 2;
 /// Pieces that each hundred rays keep.
 const BEGUN: usize = 3;
@@ -211,12 +213,27 @@ fn run(
     panic_at: Option<u32>,
     stop_after: usize,
 ) -> (u32, u32, usize) {
+    run_in((bytes, None), threads, wanted, panic_at, stop_after)
+}
+
+/// In some memory and perhaps a file: paths and tests that were answered as often as they should be, and bytes taken.
+pub(super) fn run_in(
+    (bytes, spill): (usize, Option<&Spill>),
+    threads: usize,
+    wanted: u32,
+    panic_at: Option<u32>,
+    stop_after: usize,
+) -> (u32, u32, usize) {
     let list = boxes(200, 3);
     let grid = if wanted == 0 { Grid::new(&[], 0) } else { Grid::new(&list, wanted) };
     let limits =
         Limits { begun: BEGUN, begin: bytes / 4 / PIECE_BYTES + BEGUN, taken: 256, shares: 4, voxels: 2 };
     let (order, meter) = (Order::new(Halves.bounds()), Meter::new(bytes));
-    let queues = Queues::new(&grid, Ledger::new(&grid, None), order, limits, &meter);
+    // What has begun has room for a third of all, or is counted with the rays.
+    let apart = spill.map(|_| Meter::new(BEGUN * PIECE_BYTES * RAYS as usize / 300));
+    let begun_in = apart.as_ref().unwrap_or(&meter);
+    let room = Space { rays: &meter, begun: begun_in, spill };
+    let queues = Queues::new(&grid, Ledger::new(&grid, None), order, limits, room);
     let zeros = || (0..RAYS).map(|_| AtomicU32::new(0)).collect::<Vec<_>>();
     let (answers, tests, begun) = (zeros(), zeros(), AtomicU32::new(0));
     let pieces = Mutex::default();
@@ -225,7 +242,7 @@ fn run(
         for _ in 0..threads {
             scope.spawn(|| {
                 let mut sink = Counting {
-                    meter: &meter,
+                    meter: begun_in,
                     pieces: &pieces,
                     begun: &begun,
                     answers: &answers,

@@ -2,11 +2,14 @@
 //!
 //! Invariant: no lock is held while a ray is traced.
 
-use super::bag::Taken;
+use super::bag::{Bag, Taken};
+use super::meter::Piece;
 use super::queues::{Load, Met, Queues};
+use super::spill::{Run, Spill};
 use super::{Fresh, Sink, Traveller};
 use crate::accel::{Accel, Hit, NONE, Ray};
 use crate::clock::{Room, enter};
+use crate::permits;
 use bytemuck::Pod;
 
 /// Rays between two looks at whether to stop: where memory is tight each may wait for many pages.
@@ -33,6 +36,8 @@ pub(super) struct Worker<'q, 'g, A: ?Sized, P, T, S> {
     /// Traced, and yet to go on.
     paths: Vec<(P, Hit, Next)>,
     tests: Vec<(T, bool, Next)>,
+    /// For what comes from the file: a run has room in it.
+    hand: Vec<Piece>,
 }
 
 impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worker<'q, 'g, A, P, T, S> {
@@ -41,13 +46,38 @@ impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worke
         accel: &'q A,
         sink: &'q mut S,
         stop: &'q (dyn Fn() -> bool + Sync),
+        hand: Vec<Piece>,
     ) -> Self {
         let (paths, tests) = (Vec::with_capacity(TOGETHER), Vec::with_capacity(TOGETHER));
-        Self { queues, accel, sink, stop, fresh: Fresh::default(), keys: Vec::new(), paths, tests }
+        Self { queues, accel, sink, stop, fresh: Fresh::default(), keys: Vec::new(), paths, tests, hand }
     }
 
-    /// Traces what was taken in the order of rays; not all of it when it is to stop.
-    pub(super) fn visit(&mut self, voxel: usize, load: Load<P, T>) {
+    /// Traces what was taken; not all of it when it is to stop, or when some of it is lost. What lies in the file is asked
+    /// for first, and comes while what is in memory is traced.
+    pub(super) fn visit(&mut self, voxel: usize, mut load: Load<P, T>) {
+        let Some(spill) = self.queues.room.spill else { return self.run(voxel, load, false) };
+        let mut runs = std::mem::take(&mut load.runs);
+        Bag::<P, Met>::expect(&runs.met, spill);
+        Bag::<T, f32>::expect(&runs.tests, spill);
+        Bag::<P, f32>::expect(&runs.open, spill);
+        self.run(voxel, load, false);
+        while !(runs.met.is_empty() && runs.tests.is_empty() && runs.open.is_empty()) {
+            let hand = &mut self.hand;
+            let load = permits::lend(Room::Queues, || Load {
+                met: fetch(&mut runs.met, hand, spill),
+                tests: fetch(&mut runs.tests, hand, spill),
+                open: fetch(&mut runs.open, hand, spill),
+                ..Load::default()
+            });
+            if spill.is_lost() || (self.stop)() {
+                break;
+            }
+            self.run(voxel, load, true);
+        }
+    }
+
+    /// Traces `load` in the order of rays. Its pieces are this thread's own if they come from the file.
+    fn run(&mut self, voxel: usize, load: Load<P, T>, own: bool) {
         let Load { open, met, tests, .. } = load;
         let mut keys = std::mem::take(&mut self.keys);
         self.sort(&tests, &mut keys);
@@ -57,7 +87,7 @@ impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worke
                 break;
             }
         }
-        self.give(tests);
+        self.give(tests, own);
         self.sort(&open, &mut keys);
         for keys in keys.chunks(TOGETHER) {
             let rays = keys.iter().map(|&(_, i, j)| open[i as usize].get(j as usize));
@@ -65,12 +95,12 @@ impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worke
                 break;
             }
         }
-        self.give(open);
+        self.give(open, own);
         for taken in &met {
             let mut left = (0..taken.len()).map(|i| taken.get(i));
             while left.len() > 0 && self.trace(voxel, left.by_ref().take(TOGETHER)) {}
         }
-        self.give(met);
+        self.give(met, own);
         self.keys = keys;
     }
 
@@ -89,8 +119,13 @@ impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worke
         keys.sort_unstable();
     }
 
-    fn give<R: Traveller, E: Pod>(&self, rays: Vec<Taken<R, E>>) {
-        rays.into_iter().for_each(|taken| taken.give(self.queues.meter));
+    fn give<R: Traveller, E: Pod>(&mut self, rays: Vec<Taken<R, E>>, own: bool) {
+        let pieces = rays.into_iter().map(Taken::into_piece);
+        if own {
+            self.hand.extend(pieces);
+        } else {
+            self.queues.room.rays.give(pieces);
+        }
     }
 
     /// Where a ray goes from `voxel`.
@@ -201,4 +236,21 @@ impl<'q, 'g, A: Accel + ?Sized, P: Traveller, T: Traveller, S: Sink<P, T>> Worke
         enter(Room::Queues);
         queues.wake();
     }
+}
+
+/// Reads as many of `runs` as `hand` has room for; nothing more where one is lost.
+fn fetch<R: Traveller, E: Pod>(
+    runs: &mut Vec<Run>,
+    hand: &mut Vec<Piece>,
+    spill: &Spill,
+) -> Vec<Taken<R, E>> {
+    let mut read = Vec::new();
+    while let Some(run) = runs.last()
+        && !spill.is_lost()
+        && let Some(taken) = Bag::<R, E>::fetch(run, hand, spill)
+    {
+        read.extend(taken);
+        runs.pop();
+    }
+    read
 }

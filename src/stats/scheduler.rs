@@ -20,6 +20,16 @@ pub struct SchedulerStats {
     pub ray_memory: u64,
     /// Most bytes that they took.
     pub ray_memory_peak: u64,
+    /// Bytes that the file for rays without room in memory might take; 0 where there was none.
+    pub ray_disk: u64,
+    /// Bytes that were written there, and the most that lay there at once.
+    pub spilled_bytes: u64,
+    /// See `spilled_bytes`.
+    pub spilled_peak_bytes: u64,
+    /// Seconds that threads waited to write there, and to read.
+    pub spill_write_s: f64,
+    /// See `spill_write_s`.
+    pub spill_read_s: f64,
     /// Bytes of tables beside: the grid, its queues, what tells which pages are in memory.
     pub index_bytes: u64,
     /// Cells along each axis; zero without a grid.

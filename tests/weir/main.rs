@@ -43,6 +43,8 @@ mod plan;
 mod plan_memory;
 mod report_page;
 mod rooms;
+#[cfg(unix)]
+mod spill;
 mod texture_files;
 mod textures;
 #[cfg(unix)]

@@ -34,7 +34,7 @@ fn rendered() -> (TempDir, String, Value) {
     succeeds(at, &["generate", "city", "--triangles", "60K", "--texture-bytes", "2M", "-o", "city"]);
     fs::rename(at.join("city/scene.pbrt"), at.join("city").join(HOSTILE)).expect("ours");
     let scene = format!("city/{HOSTILE}");
-    let line = "--backend native --schedule voxel --geometry-memory 3M --texture-memory 1M --size 40x30 --spp 2 --threads 2 \
+    let line = "--backend native --schedule voxel --geometry-memory 3M --ray-disk 64M --texture-memory 1M --size 40x30 --spp 2 --threads 2 \
                 --cache-dir cache -o c.png --stats s.json --report r.html";
     let mut arguments = vec![scene.as_str()];
     arguments.extend(line.split_ascii_whitespace());

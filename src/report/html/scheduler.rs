@@ -3,7 +3,7 @@
 use super::parts::{absent, drawing, figure, number, numbers};
 use crate::report::chart::{Axis, Heat, Kind, Lines, Series, heat, lines};
 use crate::report::escape::escape;
-use crate::report::{bytes, count};
+use crate::report::{bytes, count, seconds};
 use crate::stats::{Decision, SchedulerStats, VoxelStats};
 
 /// Cells along an axis of a map, at most: smaller ones are not seen.
@@ -47,6 +47,17 @@ fn words(stats: &SchedulerStats) -> String {
         let (peak, allowed) =
             (b("ray_memory_peak", stats.ray_memory_peak), b("ray_memory", stats.ray_memory));
         out += &format!("; rays that waited took {peak} of {allowed}");
+    }
+    if stats.ray_disk > 0 {
+        let s = |field: &str, value: f64| number(&format!("/scheduler/{field}"), &value, &seconds(value));
+        out += &format!(
+            "; {} of rays went to a file, at most {} of {} at once; threads waited {} to write there, {} to read",
+            b("spilled_bytes", stats.spilled_bytes),
+            b("spilled_peak_bytes", stats.spilled_peak_bytes),
+            b("ray_disk", stats.ray_disk),
+            s("spill_write_s", stats.spill_write_s),
+            s("spill_read_s", stats.spill_read_s)
+        );
     }
     out += ".</p>\n";
     if stats.voxels > 0 {
