@@ -111,7 +111,7 @@ fn spilling(at: &Path, line: &str) -> (Child, PathBuf) {
         let is_it = |path: &PathBuf| {
             let names = fs::read_link(path).is_ok_and(|to| {
                 let to = to.to_string_lossy().into_owned();
-                to.contains("/cache/") && to.ends_with(".part (deleted)")
+                to.contains("/cache/") && to.ends_with(" (deleted)")
             });
             names && fs::metadata(path).is_ok_and(|there| there.len() > 0)
         };
