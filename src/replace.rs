@@ -1,6 +1,7 @@
 //! Files that appear whole or not at all: written in the same directory without a name, where the file system has such
 //! files, or else under another name; synced; then renamed. Invariant: until the rename the old file is intact, and after
-//! an error no partial file is left, nor after a kill where files need no name. Never chooses a format.
+//! an error no partial file is left; after a kill only where it meets the moment between naming and renaming, or where files
+//! need names. Never chooses a format.
 
 use crate::error::{Error, Result};
 use std::fs::{self, File, OpenOptions};

@@ -69,7 +69,7 @@ pub(super) struct SettingsOptions {
     /// Bytes of paths in flight and their rays where they wait (schedules sorted and voxel); 256M if not given
     #[arg(long, value_name = "BYTES", value_parser = values::bytes, allow_negative_numbers = true)]
     ray_memory: Option<u64>,
-    /// Bytes of a file in the cache directory for rays that have no room in --ray-memory: 4G; 0, no file, if not given
+    /// Bytes of a file in the cache directory for rays that have no room in --ray-memory, 4G for example; no file if not given
     #[arg(long, value_name = "BYTES", value_parser = values::bytes_or_none, allow_negative_numbers = true)]
     ray_disk: Option<u64>,
     /// Voxels of the scheduling grid, about; a number that follows from what fits in memory if not given

@@ -77,30 +77,40 @@ impl<'a> Keeper<'a> {
         let every =
             Duration::try_from_secs_f64(self.settings.every_seconds).unwrap_or(Duration::MAX).max(OFTEN);
         // Without that thread it is kept when it ends.
-        let result = meanwhile("checkpoints", || every, || self.keep(job), render);
+        let result = meanwhile(
+            "checkpoints",
+            || every,
+            || {
+                if let Some(line) = self.keep(job) {
+                    (job.control.progress)(Progress::Warning(&format!(
+                        "warning: {line}; the render goes on"
+                    )));
+                }
+            },
+            render,
+        );
+        // What goes wrong now is said in the end.
         self.keep(job);
         result
     }
 
-    /// Writes what is done of `job`, if anything is new.
-    fn keep<A: Accel + ?Sized>(&self, job: &Job<'_, A>) {
-        let Some(rounds) = &job.rounds else { return };
+    /// Writes what is done of `job`, if anything is new; what goes wrong with it and never did before.
+    fn keep<A: Accel + ?Sized>(&self, job: &Job<'_, A>) -> Option<String> {
+        let rounds = job.rounds.as_ref()?;
         let start = Instant::now();
         let samples = job.samples.load(Ordering::Relaxed);
         let mut kept = lock(&self.kept);
         if kept.samples == Some(samples) || samples == 0 {
-            return;
+            return None;
         }
         let path = &self.settings.path;
         let saved = rounds.hold(|targets| checkpoint::save(path, &job.buffer, &self.identity, targets));
         kept.seconds += start.elapsed().as_secs_f64();
         kept.failed = saved.err().map(|e| format!("the checkpoint was not written: {e}"));
         kept.samples = Some(samples).filter(|_| kept.failed.is_none());
-        let new = kept.failed.clone().filter(|line| !kept.told.contains(line));
-        if let Some(line) = new {
-            (job.control.progress)(Progress::Warning(&format!("warning: {line}; the render goes on")));
-            kept.told.push(line);
-        }
+        let new = kept.failed.clone().filter(|line| !kept.told.contains(line))?;
+        kept.told.push(new.clone());
+        Some(new)
     }
 
     /// Seconds that writing took, and what went wrong with the last.

@@ -158,6 +158,12 @@ pub(super) fn least_ray_memory(threads: usize, spills: bool) -> u64 {
 /// [`Error::Usage`] when it is too small.
 pub(super) fn check_ray_memory(bytes: u64, threads: usize, settings: &RenderSettings) -> Result<()> {
     let least = least_ray_memory(threads, spills(settings));
+    if let Some(disk @ 1..Spill::LEAST_BYTES) = settings.ray_disk {
+        let least = Spill::LEAST_BYTES;
+        return Err(Error::Usage(format!(
+            "--ray-disk {disk} has no room for any ray; {least} bytes or more would do, or 0"
+        )));
+    }
     if bytes < least {
         return Err(Error::Usage(format!(
             "a ray memory of {bytes} bytes is too small: --ray-memory {least} would do, for the paths of one film tile \
@@ -253,13 +259,14 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             + in_part(bytes).min(total) * Units::PLACE_BYTES as u64
             + residency.map_or(0, Residency::index_bytes);
         let bytes = bytes.saturating_sub(stats.index_bytes.saturating_sub(room.tables) as usize);
-        let in_part = in_part(bytes);
+        // One at least: tables may take more than there is beside the least.
+        let in_part = in_part(bytes).max(1);
         let Hands { gathered, taken, pieces, bytes: hands } =
             Hands::new::<K>(bytes, workers(threads), taken, disk > 0);
         // Where all come past one queue nobody gains by sharing.
         let shares = if residency.is_some() { SHARES } else { 1 };
         let voxels = threads.div_ceil(THREADS_A_VOXEL);
-        let tables = if disk > 0 { bytes / SPILL_TABLES } else { 0 };
+        let tables = Spill::most_table_bytes(disk).min(bytes / SPILL_TABLES);
         let bytes = bytes.saturating_sub(hands + tables);
         let begun = unit_pieces(self.most_samples());
         let spill = match (disk, room.directory) {
@@ -268,7 +275,9 @@ impl<A: Accel + ?Sized> Job<'_, A> {
             (_, None) => Some(Spill::new(cache_dir::default_dir()?, disk, tables, pieces)),
         };
         // Where rays may leave for a file, sums that stay must not take all memory from them.
-        let apart = spill.as_ref().map(|_| (bytes - bytes / SPILL_RAYS).max(begun * PIECE_BYTES));
+        let holds = bytes.saturating_add(usize::try_from(disk).unwrap_or(usize::MAX)) / SPILL_RAYS;
+        let sums = (bytes - bytes / SPILL_RAYS).min(holds);
+        let apart = spill.as_ref().map(|_| sums.max(begun * PIECE_BYTES));
         let of_units = apart.map(Meter::new);
         let meter = Meter::new(bytes.saturating_sub(apart.unwrap_or(0)));
         let places =

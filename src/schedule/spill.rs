@@ -86,6 +86,18 @@ impl Tables {
 }
 
 impl Spill {
+    /// Bytes of the smallest file.
+    pub const LEAST_BYTES: u64 = EXTENT_BYTES as u64;
+
+    /// Bytes of tables that a file of `bytes` bytes can make use of: a run has a piece at least.
+    #[must_use]
+    pub fn most_table_bytes(bytes: u64) -> usize {
+        let an_extent = EXTENT_PIECES * size_of::<Run>() + BYTES_AN_EXTENT;
+        // As many runs as have names.
+        let most = NO_RUN as usize * size_of::<Run>();
+        usize::try_from(bytes / EXTENT_BYTES as u64).unwrap_or(usize::MAX).saturating_mul(an_extent).min(most)
+    }
+
     /// A file of at most `bytes` bytes in `directory`, made when it is needed; its tables take `table_bytes`, and what is
     /// written together at most `run_pieces`.
     #[must_use]

@@ -26,7 +26,7 @@ pub struct SchedulerStats {
     pub spilled_bytes: u64,
     /// See `spilled_bytes`.
     pub spilled_peak_bytes: u64,
-    /// Seconds that threads waited to write there, and to read.
+    /// Seconds of writing there, of all threads; waiting until another has written is not in it.
     pub spill_write_s: f64,
     /// See `spill_write_s`.
     pub spill_read_s: f64,

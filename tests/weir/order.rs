@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Left is imported by right (design.md, "Rooms").
+/// Left is imported by right.
 const ORDER: [&str; 22] = [
     "math",
     "color",

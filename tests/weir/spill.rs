@@ -225,3 +225,14 @@ fn too_few_handles_are_said_and_change_no_picture() {
     }
     assert!(done > 0, "eleven handles do not do");
 }
+
+#[test]
+fn a_file_without_room_is_refused_and_much_memory_does_no_harm() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let line = tight(at);
+    let line = line.split("--ray-disk").next().expect("it is in it");
+    let message = ended(&run(at, &format!("{line} --ray-disk 255K -q -o x.pfm")), 2, 1);
+    assert!(message.contains("--ray-disk 261120") && message.contains("262144"), "{message}");
+    ended(&run(at, &format!("{line} --ray-disk 1G --ray-memory 1T --spp 1 -q -o x.pfm")), 0, 0);
+}

@@ -17,6 +17,7 @@ use super::tree::{Block, MAX_STARTS};
 use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, PageBox, Pages, Ray};
 use crate::error::{Error, Result};
 use glam::{Mat4, Vec3};
+use std::ops::Range;
 
 /// What one traversal answers: the world's own geometry, or an object's.
 pub(super) struct Object<'a> {
@@ -30,6 +31,8 @@ pub(super) struct Object<'a> {
     pub(super) order: Vec<Reference>,
     /// Pages: geometry and name, by what references call their primitive.
     pages: Vec<(u32, u32)>,
+    /// Names of the pages of each geometry that has some.
+    named: Vec<Range<u32>>,
     lo: Vec3,
     hi: Vec3,
 }
@@ -279,10 +282,11 @@ impl<'a> Object<'a> {
     ) -> Result<Self> {
         let mut of_triangles = triangles(geometry);
         let mut order = instances;
-        let mut pages = Vec::new();
+        let (mut pages, mut named) = (Vec::new(), Vec::new());
         for (name, g) in geometry.iter().enumerate() {
             let name = u32::try_from(name).expect("geometries are counted in u32");
             if let Geometry::Pages { first, bounds } = *g {
+                named.push(first..first + bounds.len() as u32);
                 order.extend(bounds.iter().zip(0u32..).filter_map(|(&[lo, hi], i)| {
                     let primitive = u32::try_from(pages.len()).ok()?;
                     pages.push((name, first + i));
@@ -322,6 +326,7 @@ impl<'a> Object<'a> {
             others: Nodes::new(other_nodes, form),
             order,
             pages,
+            named,
             lo,
             hi,
         })
@@ -403,10 +408,7 @@ impl Accel for BvhScene<'_> {
                 }
                 INSTANCE => {
                     let object = &self.objects[self.instances[r.primitive as usize].object as usize];
-                    // Those of one geometry follow each other.
-                    for run in object.pages.chunk_by(|a, b| a.0 == b.0) {
-                        add(run[0].1..run[0].1 + run.len() as u32);
-                    }
+                    object.named.iter().cloned().for_each(&mut add);
                 }
                 _ => {}
             }

@@ -67,7 +67,7 @@ impl Heat {
 
     /// At `now`.
     fn now(self, now: u32) -> f32 {
-        self.warmth * (-(now.wrapping_sub(self.at) as f32) / HALF).exp2()
+        self.warmth * (-(now.saturating_sub(self.at) as f32) / HALF).exp2()
     }
 
     /// Looked at in `now`.
@@ -88,8 +88,9 @@ pub(super) struct Comings {
     /// Makes what is drawn.
     random: u64,
     pub(super) reads: u64,
-    /// Reads in a unit of the cache's time.
+    /// Reads in a unit of the cache's time, and in the present one so far.
     pub(super) unit: u64,
+    since: u64,
 }
 
 /// Reads in a unit of the time of a cache with room for so many pages.
@@ -147,6 +148,7 @@ impl PageCache {
                 random: 0,
                 reads: 0,
                 unit: unit_of(room),
+                since: 0,
             }),
             references: References::default(),
             totals: Mutex::new(FileCounts::new(files.count())),
@@ -268,8 +270,13 @@ impl PageCache {
             entry.page.store(Some(Arc::clone(&slot)));
             comings.resident.push(page);
             comings.reads += 1;
-            let now = (comings.reads / comings.unit + 1) as u32;
-            self.now.store(now, Ordering::Relaxed);
+            comings.since += 1;
+            // Never back, whatever becomes of the unit.
+            if comings.since >= comings.unit {
+                comings.since = 0;
+                self.now.fetch_add(1, Ordering::Relaxed);
+            }
+            let now = self.now.load(Ordering::Relaxed);
             entry.warm(now);
             comings.loading.remove(&u64::from(page))
         };

@@ -51,7 +51,7 @@ fn words(stats: &SchedulerStats) -> String {
     if stats.ray_disk > 0 {
         let s = |field: &str, value: f64| number(&format!("/scheduler/{field}"), &value, &seconds(value));
         out += &format!(
-            "; {} of rays went to a file, at most {} of {} at once; threads waited {} to write there, {} to read",
+            "; {} of rays went to a file, at most {} of {} at once; {} of writing there, {} of reading",
             b("spilled_bytes", stats.spilled_bytes),
             b("spilled_peak_bytes", stats.spilled_peak_bytes),
             b("ray_disk", stats.ray_disk),
