@@ -25,6 +25,8 @@ pub enum Room {
     ReadTextures,
     /// Reading and checking pages of geometry.
     ReadGeometry,
+    /// Making pages of geometry that is made.
+    MakeGeometry,
     /// Putting rays into queues, taking them out, sorting them, and writing down what came of them.
     Queues,
     /// Waiting for a permit: another thread computes instead.
@@ -37,7 +39,7 @@ pub enum Room {
 
 impl Room {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::TraceClosest,
         Self::TraceOcclusion,
         Self::Shade,
@@ -45,6 +47,7 @@ impl Room {
         Self::Film,
         Self::ReadTextures,
         Self::ReadGeometry,
+        Self::MakeGeometry,
         Self::Queues,
         Self::Turn,
         Self::Idle,

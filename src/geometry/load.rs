@@ -2,11 +2,11 @@
 //! order the acceleration structure will know them by.
 
 use super::made::{self, Making};
-use super::pages::{Made, PageFile, PageMaker, PageStore, Source};
+use super::pages::{Made, MadePages, PageMaker, PageSource, PageStore, PagedMesh, Source, Tessellated};
 use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Geometry, Hit, InstanceOf};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::prepare::is_visible;
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId};
@@ -70,10 +70,16 @@ pub fn load(
 ) -> Result<SceneGeometry> {
     let Some(paging) = paging else { return load_with(scene, None, making, stop) };
     if let Some(expected) = paging.whole {
-        let geometry = load_with(scene, None, making, stop)?;
-        let primitives = geometry.primitive_count();
-        if primitives <= expected || geometry.bytes() + TREE_BYTES * primitives <= paging.budget {
-            return Ok(geometry);
+        // What is wrong is said again where all comes and goes; what is too much as a whole may not be so there.
+        match load_with(scene, None, making, stop) {
+            Ok(geometry) => {
+                let primitives = geometry.primitive_count();
+                if primitives <= expected || geometry.bytes() + TREE_BYTES * primitives <= paging.budget {
+                    return Ok(geometry);
+                }
+            }
+            Err(Error::Interrupted) => return Err(Error::Interrupted),
+            Err(_) => {}
         }
     }
     let mut maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
@@ -147,7 +153,7 @@ fn load_with(
 }
 
 /// A surface, where its pages are if it is paged, and what a person should know of it.
-type Loaded = (Surface, Option<PageFile>, Option<String>);
+type Loaded = (Surface, Option<PageSource>, Option<String>);
 
 fn surface(
     scene: &SceneDescription,
@@ -177,7 +183,19 @@ fn surface(
                 None => None,
             };
             if let Some((mesh, pages)) = paged.as_ref().and_then(|(maker, named, _)| maker.find(named)) {
-                return Ok((described(shape, flip, SurfaceShape::Paged(mesh)), Some(pages), None));
+                return Ok((
+                    described(shape, flip, SurfaceShape::Paged(mesh)),
+                    Some(PageSource::File(pages)),
+                    None,
+                ));
+            }
+            if let Some(maker) = maker.filter(|_| !stays)
+                && let Some((mesh, pages)) =
+                    tessellate(&scene.meshes[id.index()], shape, places, maker, making, stop)?
+            {
+                let note = pages.not_numbers().then(|| not_numbers(shape, "values"));
+                let surface = described(shape, flip, SurfaceShape::Paged(mesh));
+                return Ok((surface, Some(PageSource::Made(Box::new(pages))), note));
             }
             let made = match paged {
                 Some((maker, named, source)) => Some(maker.make(&source, &named, stop)?),
@@ -185,19 +203,14 @@ fn surface(
             };
             match made {
                 Some(Made::Pages(mesh, pages)) => {
-                    file = Some(pages);
+                    file = Some(PageSource::File(pages));
                     SurfaceShape::Paged(mesh)
                 }
                 Some(Made::Stays(mesh)) => SurfaceShape::Mesh(mesh),
                 None => {
                     let made = made::make(&scene.meshes[id.index()], shape, places, making, stop)?;
-                    note = (made.not_numbers > 0).then(|| {
-                        let count = made.not_numbers;
-                        format!(
-                            "{}: {count} values of its displacement are no numbers; 0 stands in",
-                            shape.at
-                        )
-                    });
+                    let count = made.not_numbers;
+                    note = (count > 0).then(|| not_numbers(shape, &format!("{count} values")));
                     SurfaceShape::Mesh(place_mesh(made.mesh, to_world, shape.reverse_orientation))
                 }
             }
@@ -218,6 +231,27 @@ fn surface(
     Ok((described(shape, flip, kind), file, note))
 }
 
+/// What a person should know of a displacement.
+fn not_numbers(shape: &Shape, values: &str) -> String {
+    format!("{}: {values} of its displacement are no numbers; 0 stands in", shape.at)
+}
+
+/// The pages of what is made; `None` where it is read, or small.
+fn tessellate(
+    source: &MeshSource,
+    shape: &Shape,
+    places: &[Transform],
+    maker: &PageMaker,
+    making: &Making<'_>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Option<(PagedMesh, MadePages)>> {
+    let pieces = made::in_pieces(source, shape, places, making, maker.piece_triangles(), stop)?;
+    let Some(pieces) = pieces else { return Ok(None) };
+    let to_world = &shape.object_to_world;
+    let (name, reverse) = (shape.at.to_string(), shape.reverse_orientation);
+    maker.tessellate(pieces, Tessellated { name, to_world, reverse, stop })
+}
+
 fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {
     Surface {
         shape: kind,
@@ -230,10 +264,12 @@ fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {
 }
 
 impl SceneGeometry {
-    /// Bytes of vertices and attributes.
+    /// Bytes of vertices and attributes, and of what pages are made of.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.surfaces
+        let control = self.pages.as_ref().map_or(0, PageStore::control_bytes);
+        let surfaces = self
+            .surfaces
             .iter()
             .map(|s| match &s.shape {
                 SurfaceShape::Mesh(m) => m.bytes(),
@@ -243,7 +279,8 @@ impl SceneGeometry {
                 }
                 SurfaceShape::Quadric(_) => size_of::<Surface>(),
             } as u64)
-            .sum()
+            .sum::<u64>();
+        control + surfaces
     }
 
     /// Calls `look` with the triangle that was hit on a paged mesh, as a mesh of its own and a hit on that.

@@ -6,6 +6,10 @@
 //! refused before any work (36 bytes a vertex and 24 a triangle at the peak: 2²⁸ triangles take some
 //! 11 GB). Never welds vertices: only shared indices make an edge shared.
 
+mod parts;
+
+pub use parts::divide;
+
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::scene::TriangleMesh;
@@ -24,17 +28,22 @@ const NONE: u32 = u32::MAX;
 /// [`Error::Input`] without a file when an index is out of range or the result would be larger than
 /// [`MAX_TRIANGLES`]; the caller, who knows the place, names it.
 pub fn subdivide(control: &TriangleMesh, levels: u32) -> Result<TriangleMesh> {
+    check(control, levels)?;
+    let mut surface = Surface::new(control)?;
+    for _ in 0..levels {
+        surface = surface.refine();
+    }
+    Ok(surface.limit())
+}
+
+fn check(control: &TriangleMesh, levels: u32) -> Result<()> {
     let wanted = (control.indices.len() as u64).saturating_mul(4u64.saturating_pow(levels));
     if wanted > MAX_TRIANGLES {
         return Err(fault(format!(
             "Loop subdivision to {levels} levels makes {wanted} triangles; {MAX_TRIANGLES} at most"
         )));
     }
-    let mut surface = Surface::new(control)?;
-    for _ in 0..levels {
-        surface = surface.refine();
-    }
-    Ok(surface.limit())
+    Ok(())
 }
 
 /// Triangles with neighbours. Corner c of triangle t is `3 t + c`; its edge runs to the next corner.

@@ -76,6 +76,10 @@ const SHARED_VERTICES: f64 = 1.2;
 const PAGE_UNUSED: u64 = 400;
 /// Of a page that is away: its box, and what finds it.
 const PAGE_STAYS: u64 = 24 + 32 + 64;
+/// Of a triangle in a page that is made: its share of a piece.
+const MADE_STAYS: u64 = 2;
+/// Of a segment of a curve.
+const RUN: u64 = 108;
 /// Of a surface that is neither mesh nor patches.
 const QUADRIC: u64 = 320;
 
@@ -98,8 +102,9 @@ pub fn geometry_bytes(
                 let source = &scene.meshes[id.index()];
                 let facts = mesh_facts(source, headers.get(id.index()));
                 all.exact &= facts.exact;
-                if matches!(source, MeshSource::Ply(_)) && is_pageable(shape, facts.triangles) {
+                if is_pageable(shape, source, facts.triangles) {
                     pages = page_count(&facts, page_bytes);
+                    all.staying += control_bytes(source, &facts);
                 }
                 // The last vertex has room behind it.
                 (12 + facts.vertices * facts.vertex_bytes + 12 * facts.triangles, facts.triangles, false)
@@ -135,8 +140,26 @@ pub fn geometry_bytes(
     all
 }
 
-fn is_pageable(shape: &Shape, triangles: u64) -> bool {
-    shape.area_light.is_none() && shape.alpha.is_none() && triangles >= LEAST_PAGED
+fn is_pageable(shape: &Shape, source: &MeshSource, triangles: u64) -> bool {
+    // What lights are sampled on, and what masks are read on, has to be at hand; what the scene's file says is there anyway.
+    let stays =
+        shape.area_light.is_some() || shape.alpha.is_some() || matches!(source, MeshSource::Inline(_));
+    !stays && triangles >= LEAST_PAGED
+}
+
+/// Of what a shape is made of, page by page, beside the scene's description; a displaced mesh's base is not known here.
+fn control_bytes(source: &MeshSource, facts: &MeshFacts) -> u64 {
+    match source {
+        MeshSource::Inline(_) | MeshSource::Ply(_) => 0,
+        MeshSource::Loop { control, .. } => {
+            25 * control.positions.len() as u64 + 36 * control.indices.len() as u64
+        }
+        MeshSource::Displaced { .. } => facts.triangles * MADE_STAYS,
+        // A segment has a run at least.
+        MeshSource::Curves(strands) => {
+            facts.triangles * MADE_STAYS + strands.iter().map(|s| RUN * s.points.len() as u64).sum::<u64>()
+        }
+    }
 }
 
 fn page_count(facts: &MeshFacts, page_bytes: u64) -> u64 {

@@ -26,6 +26,8 @@ pub struct RoomTimes {
     pub read_textures_s: f64,
     /// Reading and checking pages of geometry.
     pub read_geometry_s: f64,
+    /// Making pages of displaced meshes, subdivision surfaces and curves.
+    pub make_geometry_s: f64,
     /// Putting rays into queues, taking them out, sorting them, and writing down what came of them; 0 where none wait.
     pub queues_s: f64,
     /// Waiting for a turn, while as many others compute as may: 0 where all threads compute.
@@ -50,6 +52,7 @@ impl RoomTimes {
             film_s: seconds(Room::Film),
             read_textures_s: seconds(Room::ReadTextures),
             read_geometry_s: seconds(Room::ReadGeometry),
+            make_geometry_s: seconds(Room::MakeGeometry),
             queues_s: seconds(Room::Queues),
             turn_s: seconds(Room::Turn),
             idle_s: seconds(Room::Idle),
@@ -70,6 +73,7 @@ impl RoomTimes {
             film_s,
             read_textures_s,
             read_geometry_s,
+            make_geometry_s,
             queues_s,
             turn_s,
             idle_s,
@@ -83,6 +87,7 @@ impl RoomTimes {
             ("film_s", "film", film_s),
             ("read_textures_s", "reading tiles", read_textures_s),
             ("read_geometry_s", "reading pages", read_geometry_s),
+            ("make_geometry_s", "making pages", make_geometry_s),
             ("queues_s", "queues", queues_s),
             ("turn_s", "waiting for a turn", turn_s),
             ("idle_s", "idle", idle_s),
@@ -115,6 +120,6 @@ mod tests {
             assert_eq!(json.get(key).and_then(Value::as_f64), Some(seconds), "{key}");
         }
         assert_eq!(json.as_object().expect("an object").len(), named.len() + 1, "and threads");
-        assert_eq!(times.sum(), 66.0);
+        assert_eq!(times.sum(), 78.0);
     }
 }

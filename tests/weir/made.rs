@@ -3,6 +3,7 @@
 //!
 //! Invariant: everything is made on the spot, in a directory of the test's own.
 
+use crate::pages::least;
 use crate::significance::Runs;
 use crate::support::{
     Frame, bits, grey, head, icosphere, mean, orthographic, outcome, render, scene, scene_beside,
@@ -14,7 +15,8 @@ use weir::film::write::write_image;
 use weir::render::plan;
 use weir::scene::SceneDescription;
 use weir::scene::pbrt::parse_str;
-use weir::settings::{Backend, RenderSettings};
+use weir::settings::{Backend, RenderSettings, Schedule};
+use weir::stats::{CacheRow, RenderStats};
 
 const HALF: f64 = 2.0;
 
@@ -88,6 +90,11 @@ fn a_sphere_that_is_moved_out_by_half_is_a_larger_one() {
 
 /// A globe with a seam, moved by an image, and curves.
 fn everything(folder: &Path) -> SceneDescription {
+    scene_beside(&described(folder), folder)
+}
+
+/// The text of it, beside its image in `folder`.
+fn described(folder: &Path) -> String {
     let mut hills = Image::new(256, 256);
     for (i, p) in hills.pixels.iter_mut().enumerate() {
         let (x, y) = ((i % 256) as f32 / 20.0, (i / 256) as f32 / 13.0);
@@ -95,7 +102,7 @@ fn everything(folder: &Path) -> SceneDescription {
     }
     write_image(&folder.join("hills.exr"), &hills, &[]).expect("writable");
     let frame = Frame { size: (61, 43), spp: 5, max_depth: 4 };
-    let text = head("LookAt 0 2 -4  0 .3 0  0 1 0\nCamera \"perspective\" \"float fov\" 45", frame)
+    head("LookAt 0 2 -4  0 .3 0  0 1 0\nCamera \"perspective\" \"float fov\" 45", frame)
         + "LightSource \"infinite\" \"rgb L\" [ 1 1 1 ]\n\
            Texture \"hills\" \"float\" \"imagemap\" \"string filename\" \"hills.exr\"\n\
            Texture \"from above\" \"float\" \"imagemap\" \"string filename\" \"hills.exr\" \"string mapping\" \"planar\" \
@@ -109,8 +116,7 @@ fn everything(folder: &Path) -> SceneDescription {
            ObjectBegin \"hair\"\nShape \"curve\" \"point3 P\" [ 0 0 0 .2 1 0 -.2 1.2 0 0 1.5 .1 ] \"float width\" .1\n\
            Shape \"curve\" \"point3 P\" [ .3 0 0 .5 1 0 .1 1.2 0 .5 1.5 .1 ] \"float width\" .1\nObjectEnd\n\
            AttributeBegin\nTranslate -1 0 0\nObjectInstance \"hair\"\nAttributeEnd\n\
-           AttributeBegin\nTranslate -1.5 0 1\nScale -1 2 1\nObjectInstance \"hair\"\nAttributeEnd\n";
-    scene_beside(&text, folder)
+           AttributeBegin\nTranslate -1.5 0 1\nScale -1 2 1\nObjectInstance \"hair\"\nAttributeEnd\n"
 }
 
 #[test]
@@ -134,16 +140,135 @@ fn one_picture_with_any_threads_and_any_memory() {
     assert_eq!(bits(&one.image), bits(&tiled.image));
     let bounded = RenderSettings { geometry_memory: Some(200 << 20), ..settings.clone() };
     assert_eq!(bits(&one.image), bits(&render(&scene, &bounded).image));
-    let small = outcome(&scene, &RenderSettings { geometry_memory: Some(100_000), ..settings.clone() });
-    let Err(error) = small else { panic!("a thousand triangles are not enough") };
-    assert!(
-        error.exit_code() == 2 && error.to_string().contains("as many as there is memory for"),
-        "{error}"
-    );
     // Finer edges are another picture, and more triangles.
     let finer = render(&scene, &RenderSettings { tessellation: Some(0.5), ..settings });
     assert!(finer.stats.memory.all_geometry > 4 * one.stats.memory.all_geometry);
     assert_ne!(bits(&one.image), bits(&finer.image));
+}
+
+/// Pages of a shape whose place in the scene's file begins so.
+fn made<'a>(stats: &'a RenderStats, line: &str) -> &'a CacheRow {
+    let cache = stats.geometry_cache.as_ref().expect("pages come and go");
+    let found = cache.by_file.iter().find(|row| row.file.contains(line));
+    &found.unwrap_or_else(|| panic!("{line}: {:?}", cache.by_file)).total
+}
+
+#[test]
+fn pages_that_are_made_again_are_the_same_picture() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    // An octahedron of 8192 triangles.
+    let smooth = "Translate 0 .5 -1\nScale .4 .4 .4\nShape \"loopsubdiv\" \"integer levels\" 5 \
+                  \"point3 P\" [ 1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1 ] \
+                  \"integer indices\" [ 0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5 ]\n";
+    let scene = scene_beside(&(described(folder.path()) + smooth), folder.path());
+    let whole = RenderSettings {
+        backend: Backend::Native,
+        cache_dir: Some(folder.path().join("cache")),
+        tessellation: Some(0.3),
+        page_bytes: Some(16 << 10),
+        threads: Some(2),
+        ..RenderSettings::default()
+    };
+    let one = render(&scene, &whole);
+    assert!(one.stats.geometry_cache.is_none());
+    let least = least(&scene, &whole);
+    assert!(least < one.stats.memory.all_geometry / 4, "{least} of {}", one.stats.memory.all_geometry);
+    // Below a file there is no directory.
+    let nowhere = Some(folder.path().join("hills.exr/cache"));
+    for (schedule, geometry_memory, threads, kept) in [
+        (Schedule::Depth, least, 2, true),
+        (Schedule::Depth, 2 * least, 1, false),
+        (Schedule::Sorted, least, 2, true),
+        (Schedule::Voxel, least, 2, false),
+        (Schedule::Voxel, 3 * least, 2, true),
+    ] {
+        let paged = RenderSettings {
+            schedule,
+            geometry_memory: Some(geometry_memory),
+            threads: Some(threads),
+            cache_dir: if kept { whole.cache_dir.clone() } else { nowhere.clone() },
+            ..whole.clone()
+        };
+        let paged = render(&scene, &paged);
+        let what = format!("{}, {geometry_memory} bytes, {threads} threads, kept: {kept}", schedule.name());
+        assert_eq!(bits(&one.image), bits(&paged.image), "{what}");
+        let stats = &paged.stats;
+        let cache = stats.geometry_cache.as_ref().expect("pages come and go");
+        assert!(cache.peak <= geometry_memory, "{what}: {}", cache.peak);
+        assert!(stats.memory.accounted.geometry <= geometry_memory, "{what}: {:?}", stats.memory);
+        // The plane, the displaced octahedron, the hair and the smooth one.
+        for line in ["test.pbrt:11:", "test.pbrt:14:", "test.pbrt:17:", "test.pbrt:31:"] {
+            let counts = &made(stats, line).counts;
+            assert!(counts.misses_compulsory > 3, "{what}: {line} {counts:?}");
+            assert!(geometry_memory > least || counts.misses_capacity > 0, "{what}: {line} {counts:?}");
+            assert_eq!(
+                counts.bytes_read,
+                if kept { counts.bytes_loaded } else { 0 },
+                "{what}: {line} {counts:?}"
+            );
+        }
+        let rooms = &stats.time.rooms;
+        assert_eq!(
+            (rooms.make_geometry_s == 0.0, rooms.read_geometry_s > 0.0),
+            (kept, kept),
+            "{what}: {rooms:?}"
+        );
+    }
+    let pages = fs::read_dir(folder.path().join("cache/pages")).expect("a directory");
+    assert_eq!(pages.count(), 0, "what is made is kept by no name");
+}
+
+#[test]
+fn what_no_ray_can_hit_is_in_no_page() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let frame = Frame { size: (16, 16), spp: 2, max_depth: 2 };
+    // All corners on a line; texture coordinates without number beside it.
+    let text = head("LookAt 0 2 -4  0 0 0  0 1 0\nCamera \"perspective\"", frame)
+        + "LightSource \"infinite\" \"rgb L\" [ 1 1 1 ]\n\
+           Texture \"none\" \"float\" \"constant\" \"float value\" 0\n\
+           Shape \"trianglemesh\" \"point3 P\" [ 0 0 0  1 0 0  2 0 0 ] \"point2 uv\" [ 0 0 1 0 0 1 ] \
+           \"texture displacement\" \"none\" \"float displacement.edgelength\" .02\n\
+           Shape \"trianglemesh\" \"point3 P\" [ -1 0 0  1 0 0  0 1 0 ] \"point2 uv\" [ 0 0 1 0 0 1 ] \
+           \"texture displacement\" \"none\" \"float displacement.edgelength\" .02\n";
+    let scene = scene_beside(&text, folder.path());
+    let whole = RenderSettings {
+        backend: Backend::Native,
+        cache_dir: Some(folder.path().join("cache")),
+        page_bytes: Some(4 << 10),
+        ..RenderSettings::default()
+    };
+    let least = least(&scene, &whole);
+    let paged = render(&scene, &RenderSettings { geometry_memory: Some(least), ..whole.clone() });
+    let cache = paged.stats.geometry_cache.as_ref().expect("pages come and go");
+    assert!(cache.by_file.iter().all(|row| row.file.contains("test.pbrt:11:")), "{:?}", cache.by_file);
+    assert_eq!(bits(&render(&scene, &whole).image), bits(&paged.image));
+}
+
+#[test]
+fn what_is_too_much_as_a_whole_comes_and_goes() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let scene = everything(folder.path());
+    let whole = RenderSettings {
+        cache_dir: Some(folder.path().join("cache")),
+        tessellation: Some(0.3),
+        spp: Some(1),
+        ..RenderSettings::default()
+    };
+    let one = render(&scene, &whole);
+    // A displaced mesh is a guess before it is made, and here one that is too small.
+    let memory = Some(12 << 20);
+    assert!(one.stats.memory.all_geometry > 12 << 20, "{}", one.stats.memory.all_geometry);
+    let bounded = render(&scene, &RenderSettings { memory, threads: Some(2), ..whole.clone() });
+    assert!(bounded.stats.geometry_cache.is_some());
+    assert!(bounded.stats.memory.peak_accounted <= 12 << 20, "{:?}", bounded.stats.memory);
+    let resident = RenderSettings { backend: Backend::Native, ..whole.clone() };
+    assert_eq!(bits(&render(&scene, &resident).image), bits(&bounded.image));
+    // Embree cannot let go of any.
+    let embree = RenderSettings { backend: Backend::Embree, backend_named: true, memory, ..whole };
+    if cfg!(feature = "embree") {
+        let Err(error) = outcome(&scene, &embree) else { panic!("it fits, whole") };
+        assert!(error.exit_code() == 2 && error.to_string().contains("--backend native"), "{error}");
+    }
 }
 
 #[test]

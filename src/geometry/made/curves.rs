@@ -1,4 +1,4 @@
-//! Curves as triangles: tubes for `flat` and `cylinder`, strips for `ribbon`.
+//! Curves as triangles, as a whole or part by part: tubes for `flat` and `cylinder`, strips for `ribbon`.
 //!
 //! A flat curve of pbrt turns to every ray, which no fixed triangle can: a tube has the same outline from everywhere,
 //! and is shaded as round. A tube of k sides is as wide as the curve in the mean over all directions.
@@ -8,6 +8,7 @@
 //! segment, v around or across it, from 0 to 1. Never closes an end, as pbrt does not.
 
 use super::Place;
+use super::parts::{InPieces, Part, Parts, Piece};
 use super::refine::MAX_TRIANGLES;
 use super::view::{Seen, View, stretch};
 use crate::error::{Error, Result};
@@ -15,6 +16,7 @@ use crate::math::DVec3;
 use crate::scene::{CurveKind, Strand, TriangleMesh};
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 /// Of an edge's pixels: how far what is drawn may be from the curve.
 const OUTLINE: f64 = 1.0 / 8.0;
@@ -38,13 +40,7 @@ struct Rates {
 /// All `strands` in one mesh, in their own space.
 pub(super) fn draw(strands: &[Strand], place: &Place<'_>, view: &View) -> Result<TriangleMesh> {
     let rates = all_rates(strands, place, view);
-    let triangles: u64 = rates.iter().zip(strands).map(|(rates, strand)| rates.count(strand).1).sum();
-    if triangles > MAX_TRIANGLES as u64 {
-        return Err(Error::Resource(format!(
-            "{triangles} triangles would be made of its curves, and {MAX_TRIANGLES} can be; a larger --tessellation makes \
-             fewer"
-        )));
-    }
+    check(&rates, strands, MAX_TRIANGLES as u64)?;
     let drawn: Vec<TriangleMesh> =
         strands.par_iter().zip(&rates).map(|(strand, rates)| draw_one(strand, rates)).collect();
     let mut mesh = TriangleMesh::default();
@@ -56,6 +52,17 @@ pub(super) fn draw(strands: &[Strand], place: &Place<'_>, view: &View) -> Result
         mesh.indices.extend(indices.into_iter().map(|t| t.map(|v| v + first)));
     }
     Ok(mesh)
+}
+
+/// Refuses more than `most` triangles.
+fn check(rates: &[Rates], strands: &[Strand], most: u64) -> Result<()> {
+    let triangles: u64 = rates.iter().zip(strands).map(|(rates, strand)| rates.count(strand).1).sum();
+    if triangles > most {
+        return Err(Error::Resource(format!(
+            "{triangles} triangles would be made of its curves, and {most} can be; a larger --tessellation makes fewer"
+        )));
+    }
+    Ok(())
 }
 
 /// Vertices and triangles that [`draw`] makes.
@@ -80,7 +87,7 @@ fn vector(p: [f32; 3]) -> DVec3 {
 
 impl Rates {
     /// So that nothing is off by more than `pixels`.
-    fn new(strand: &Strand, place: &Place<'_>, seen: &Seen<'_>, pixels: f64) -> Self {
+    fn new(strand: &Strand, place: &Place<'_>, seen: &Seen, pixels: f64) -> Self {
         let scale = stretch(&place.to_world.m);
         let radius = 0.5 * f64::from(strand.widths[0].abs().max(strand.widths[1].abs()));
         let of_segment = |points: &[[f32; 3]; 4]| {
@@ -121,14 +128,19 @@ impl Rates {
         Self { sides, pieces: pieces.collect() }
     }
 
+    /// The segments that have a width anywhere, and their pieces.
+    fn drawn(&self, strand: &Strand) -> impl Iterator<Item = (usize, &u32)> {
+        let has_width = |&(segment, &pieces): &(usize, &u32)| {
+            (0..=pieces).any(|i| width(strand, segment, i, pieces) != 0.0)
+        };
+        self.pieces.iter().enumerate().filter(has_width)
+    }
+
     /// Vertices and triangles.
     fn count(&self, strand: &Strand) -> (u64, u64) {
         let (mut vertices, mut triangles) = (0, 0);
-        for (segment, &pieces) in self.pieces.iter().enumerate() {
+        for (segment, &pieces) in self.drawn(strand) {
             let empty = (0..=pieces).filter(|&i| width(strand, segment, i, pieces) == 0.0).count() as u64;
-            if empty == u64::from(pieces) + 1 {
-                continue;
-            }
             vertices += u64::from(pieces + 1) * u64::from(self.sides + 1);
             // Where the curve has no width, one triangle of each quadrilateral on either side is none.
             let inner = (1..pieces).filter(|&i| width(strand, segment, i, pieces) == 0.0).count() as u64;
@@ -176,48 +188,72 @@ fn across(direction: DVec3, before: DVec3) -> DVec3 {
         .unwrap_or_else(|| direction.any_orthonormal_vector())
 }
 
+/// Where a curve was last, along which direction, and what was beside it.
+type Frame = (DVec3, DVec3, DVec3);
+
 fn draw_one(strand: &Strand, rates: &Rates) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
-    let mut frame: Option<(DVec3, DVec3, DVec3)> = None;
-    for (segment, (points, &pieces)) in strand.points.iter().zip(&rates.pieces).enumerate() {
-        let points = points.map(vector);
-        if (0..=pieces).all(|i| width(strand, segment, i, pieces) == 0.0) {
-            continue;
+    let mut frame = None;
+    for (segment, &pieces) in rates.drawn(strand) {
+        let run = Run { segment: segment as u32, from: 0, to: pieces, pieces, sides: rates.sides };
+        run.draw(strand, &mut frame, &mut mesh);
+    }
+    mesh
+}
+
+/// Some of the pieces of a segment.
+#[derive(Clone, Copy)]
+struct Run {
+    segment: u32,
+    from: u32,
+    to: u32,
+    /// Of the whole segment.
+    pieces: u32,
+    sides: u32,
+}
+
+impl Run {
+    /// The point before piece `i`, and the frame there. `frame` is what was before it, and then that.
+    fn step(&self, strand: &Strand, i: u32, frame: &mut Option<Frame>) -> Frame {
+        let points = strand.points[self.segment as usize].map(vector);
+        let (point, direction) = at(&points, f64::from(i) / f64::from(self.pieces));
+        let (mut direction, mut side) = match (direction, *frame) {
+            (Some(direction), Some((_, _, side))) => (direction, across(direction, side)),
+            (None, Some((_, direction, side))) => (direction, side),
+            (direction, None) => {
+                let direction = direction.unwrap_or(DVec3::Z);
+                (direction, direction.any_orthonormal_vector())
+            }
+        };
+        // The first ring of a segment is the last of the one before.
+        if let Some((end, along, last)) = *frame
+            && i == 0
+            && end == point
+            && along.dot(direction) >= STRAIGHT_COSINE
+        {
+            (direction, side) = (along, last);
         }
+        *frame.insert((point, direction, side))
+    }
+
+    fn draw(&self, strand: &Strand, frame: &mut Option<Frame>, mesh: &mut TriangleMesh) {
+        let segment = self.segment as usize;
         let first = mesh.positions.len() as u32;
-        for i in 0..=pieces {
-            let u = f64::from(i) / f64::from(pieces);
-            let (point, direction) = at(&points, u);
-            let (mut direction, before) = match (direction, frame) {
-                (Some(direction), Some((_, _, side))) => (direction, across(direction, side)),
-                (None, Some((_, direction, side))) => (direction, side),
-                (direction, None) => {
-                    let direction = direction.unwrap_or(DVec3::Z);
-                    (direction, direction.any_orthonormal_vector())
-                }
-            };
-            let mut side = before;
-            // The first ring of a segment is the last of the one before.
-            if let Some((end, along, last)) = frame
-                && i == 0
-                && end == point
-                && along.dot(direction) >= STRAIGHT_COSINE
-            {
-                (direction, side) = (along, last);
-            }
-            frame = Some((point, direction, side));
-            let half = 0.5 * width(strand, segment, i, pieces);
+        for i in self.from..=self.to {
+            let u = f64::from(i) / f64::from(self.pieces);
+            let (point, direction, side) = self.step(strand, i, frame);
+            let half = 0.5 * width(strand, segment, i, self.pieces);
             if strand.kind == CurveKind::Ribbon {
-                ribbon(&mut mesh, point, direction, half, u, normal(strand, segment, u));
+                ribbon(mesh, point, direction, half, u, normal(strand, segment, u));
             } else {
-                ring(&mut mesh, point, direction, side, half, u, rates.sides);
+                ring(mesh, point, direction, side, half, u, self.sides);
             }
         }
-        let row = rates.sides + 1;
-        for i in 0..pieces {
-            let [closed, closes] = [i, i + 1].map(|i| width(strand, segment, i, pieces) == 0.0);
-            for j in 0..rates.sides {
-                let a = first + i * row + j;
+        let row = self.sides + 1;
+        for i in self.from..self.to {
+            let [closed, closes] = self.ends(strand, i);
+            for j in 0..self.sides {
+                let a = first + (i - self.from) * row + j;
                 let (b, c, d) = (a + row, a + 1, a + row + 1);
                 if !closes {
                     mesh.indices.push([a, b, d]);
@@ -228,7 +264,87 @@ fn draw_one(strand: &Strand, rates: &Rates) -> TriangleMesh {
             }
         }
     }
-    mesh
+
+    /// Whether piece `i` begins and ends without width.
+    fn ends(&self, strand: &Strand, i: u32) -> [bool; 2] {
+        [i, i + 1].map(|i| width(strand, self.segment as usize, i, self.pieces) == 0.0)
+    }
+
+    fn triangles(&self, strand: &Strand) -> u32 {
+        let open = |i| self.ends(strand, i).iter().filter(|&&empty| !empty).count() as u32;
+        self.sides * (self.from..self.to).map(open).sum::<u32>()
+    }
+}
+
+/// Curves in pieces: runs of their segments.
+struct Runs {
+    strands: Arc<Vec<Strand>>,
+    /// Each with its strand, its first triangle's name, and where its frame is.
+    runs: Vec<(Run, u32, u32, u32)>,
+    /// What was before a run, where something was.
+    frames: Vec<Frame>,
+}
+
+/// Most triangles of curves that are made part by part: there are no more names.
+const MOST: u64 = 1 << 30;
+
+/// All `strands` in pieces of about `most` triangles.
+pub(super) fn divide(
+    strands: &Arc<Vec<Strand>>,
+    place: &Place<'_>,
+    view: &View,
+    most: u32,
+) -> Result<InPieces> {
+    let rates = all_rates(strands, place, view);
+    check(&rates, strands, MOST)?;
+    let of = |(strand, rates): (&Strand, &Rates)| {
+        let each = (most / (2 * rates.sides)).max(1);
+        let mut frame = None;
+        let mut out: Vec<(Run, Option<Frame>)> = Vec::new();
+        for (segment, &pieces) in rates.drawn(strand) {
+            let whole = Run { segment: segment as u32, from: 0, to: pieces, pieces, sides: rates.sides };
+            for i in 0..=pieces {
+                if i.is_multiple_of(each) && i < pieces {
+                    out.push((Run { from: i, to: (i + each).min(pieces), ..whole }, frame));
+                }
+                whole.step(strand, i, &mut frame);
+            }
+        }
+        out
+    };
+    let found: Vec<Vec<(Run, Option<Frame>)>> = strands.par_iter().zip(&rates).map(of).collect();
+    let (mut runs, mut frames, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
+    let mut first = 0;
+    for (i, (found, strand)) in found.into_iter().zip(&**strands).enumerate() {
+        for (run, frame) in found {
+            let triangles = run.triangles(strand);
+            runs.push((run, i as u32, first, frame.map_or(u32::MAX, |_| frames.len() as u32)));
+            frames.extend(frame);
+            first += triangles;
+            let middle = 0.5 * f64::from(run.from + run.to) / f64::from(run.pieces);
+            let (centre, _) = at(&strand.points[run.segment as usize].map(vector), middle);
+            pieces.push(Piece { triangles, centre: centre.as_vec3().to_array() });
+        }
+    }
+    Ok((Box::new(Runs { strands: Arc::clone(strands), runs, frames }), pieces))
+}
+
+impl Parts for Runs {
+    fn make(&self, pieces: &[u32]) -> Part {
+        let mut part = Part::default();
+        for &piece in pieces {
+            let (run, strand, first, frame) = self.runs[piece as usize];
+            let mut frame = self.frames.get(frame as usize).copied();
+            let before = part.mesh.indices.len();
+            run.draw(&self.strands[strand as usize], &mut frame, &mut part.mesh);
+            part.names.extend((first..).take(part.mesh.indices.len() - before));
+        }
+        part
+    }
+
+    fn bytes(&self) -> usize {
+        size_of_val(&self.runs[..]) + size_of_val(&self.frames[..])
+    }
 }
 
 fn push(mesh: &mut TriangleMesh, p: DVec3, n: DVec3, uv: [f64; 2]) {

@@ -5,40 +5,46 @@
 //! all versions of the vertex move by the mean of what each would move by. Never moves a vertex by what is no number.
 
 use super::refine::{Refined, too_many};
+use super::rule::{Point, Rule};
 use super::seams::{self, Groups};
-use super::view::{Seen, View};
+use super::view::View;
 use super::{MadeMesh, Place};
 use crate::error::{Error, Result};
-use crate::math::DVec3;
+use crate::math::{DVec3, Transform};
 use crate::scene::{TextureId, TriangleMesh};
 use crate::texture::{TextureCoordinates, Textures};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// An edge is not divided into more than 2¹⁶ of the mesh's longest: a camera that touches the surface sees pixels of no
-/// size there.
-const LEAST_EDGE: f64 = 1.0 / 65536.0;
 /// Normals of two vertices of one place that are closer than 30° are of one smooth surface.
 const SMOOTH_COSINE: f32 = 0.866;
 /// Vertices that are moved by one thread at a time.
 const AT_ONCE: usize = 4096;
 
-/// What moves a mesh.
+/// What a mesh is displaced by, and how finely.
 pub(super) struct Displacement<'a> {
     pub(super) texture: TextureId,
     pub(super) edge_length: Option<f32>,
-    pub(super) textures: &'a Textures,
-    /// Triangles that may be made.
-    pub(super) most: usize,
+    pub(super) textures: &'a Arc<Textures>,
     pub(super) place: Place<'a>,
     pub(super) view: &'a View,
-    pub(super) stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// A mesh that is to be divided and moved.
+pub(super) struct Displaced {
+    /// Not divided yet.
+    pub(super) base: Refined,
+    pub(super) rule: Rule,
+    texture: TextureId,
+    textures: Arc<Textures>,
+    to_world: Transform,
 }
 
 impl Displacement<'_> {
-    /// `base`, divided and moved.
-    pub(super) fn apply(&self, base: TriangleMesh) -> Result<MadeMesh> {
+    /// Of `base`; [`Error::Resource`] where it lacks what its texture reads, or where it would become more than `most` triangles.
+    pub(super) fn of(&self, base: TriangleMesh, most: usize) -> Result<Displaced> {
         if base.uvs.is_empty() && self.textures.reads_uv(self.texture) {
             return Err(Error::Resource(
                 "the mesh has no texture coordinates, which its displacement reads; add them, or map the texture by \
@@ -47,6 +53,12 @@ impl Displacement<'_> {
             ));
         }
         let TriangleMesh { positions, normals, uvs, indices: triangles, .. } = base;
+        let rule = Rule::new(&positions, &triangles, &self.place, self.view, self.edge_length);
+        // What cannot be is said before it is tried.
+        let at_least = rule.at_least(&positions, &triangles);
+        if at_least > most as f64 {
+            return Err(too_many(Some(at_least), most));
+        }
         let given = normals.iter().map(|&n| Vec3::from(n).normalize_or_zero().to_array()).collect();
         let normals: Vec<[f32; 3]> =
             if normals.is_empty() { vertex_normals(&positions, &triangles) } else { given };
@@ -55,70 +67,61 @@ impl Displacement<'_> {
             a.dot(b) >= SMOOTH_COSINE
         };
         let seams = seams::find(&positions, &triangles, smooth);
-        let refined = Refined { positions, normals, uvs, triangles, seams, links: Vec::new() };
-        let refined = self.divide(refined)?;
-        Ok(self.displace(refined))
+        Ok(Displaced {
+            base: Refined { positions, normals, uvs, triangles, seams, links: Vec::new() },
+            rule,
+            texture: self.texture,
+            textures: Arc::clone(self.textures),
+            to_world: *self.place.to_world,
+        })
+    }
+}
+
+impl Displaced {
+    /// All of it, in `most` triangles at most.
+    pub(super) fn whole(mut self, most: usize, stop: &(dyn Fn() -> bool + Sync)) -> Result<MadeMesh> {
+        let base = std::mem::take(&mut self.base);
+        let divided =
+            base.divide(most, |p, q| self.rule.middle(&self.rule.point(p), &self.rule.point(q)), stop)?;
+        Ok(self.displace(divided))
     }
 
-    pub(super) fn divide(&self, mesh: Refined) -> Result<Refined> {
-        let place = &self.place;
-        let to_world = |p: Vec3| place.to_world.point_f64(p.as_dvec3());
-        let at = |v: u32| to_world(Vec3::from(mesh.positions[v as usize]));
-        let used = || mesh.triangles.par_iter().flatten().map(|&v| at(v)).filter(|p| p.is_finite());
-        let low = used().reduce(|| DVec3::INFINITY, DVec3::min);
-        let high = used().reduce(|| DVec3::NEG_INFINITY, DVec3::max);
-        let centre = 0.5 * (low + high);
-        let seen = Seen::new(self.view, place.places, centre, 0.5 * (high - low).length());
-        let longest = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(at);
-            let lengths = [a.distance(b), b.distance(c), c.distance(a)];
-            lengths.into_iter().filter(|l| l.is_finite()).fold(0.0, f64::max)
-        };
-        let least = mesh.triangles.par_iter().map(longest).reduce(|| 0.0, f64::max) * LEAST_EDGE;
-        let most = self.edge_length.map_or(f64::INFINITY, f64::from);
-        let area = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(at);
-            Some(0.5 * (b - a).cross(c - a).length()).filter(|area| area.is_finite()).unwrap_or(0.0)
-        };
-        let areas: f64 = mesh.triangles.iter().map(area).sum();
-        // No triangle of such edges is larger than the equilateral one: what cannot be is said before it is tried.
-        let at_least = areas / (0.25 * 3f64.sqrt() * most * most);
-        if at_least > self.most as f64 {
-            return Err(too_many(Some(at_least), self.most));
-        }
-        let splits = |p: Vec3, q: Vec3| {
-            let (p, q) = (to_world(p), to_world(q));
-            let length = p.distance(q);
-            length.is_finite() && length > least && (length > most || seen.edge(p, q) > 1.0)
-        };
-        mesh.divide(self.most, splits, self.stop)
+    /// A vertex of the base.
+    pub(super) fn point(&self, v: u32) -> Point {
+        self.rule.point(Vec3::from(self.base.positions[v as usize]))
+    }
+
+    /// How far a vertex is moved by itself; `None` where its texture's value is no number.
+    pub(super) fn moved(&self, p: Vec3, normal: Vec3, uv: Vec2) -> Option<Vec3> {
+        // pbrt-v4 asks in object space, which is another place for textures that are mapped by position.
+        let p = self.to_world.point(p);
+        let n = self.to_world.normal(normal).normalize_or_zero();
+        let height = self.textures.eval(self.texture, &TextureCoordinates::at(uv, p, n)).x;
+        height.is_finite().then(|| height * normal)
+    }
+
+    /// While what is returned lives, this thread keeps tiles from one look-up to the next.
+    pub(super) fn attach(&self) -> impl Sized + '_ {
+        self.textures.store().attach()
     }
 
     pub(super) fn displace(&self, mesh: Refined) -> MadeMesh {
-        let place = &self.place;
         let Refined { mut positions, normals, uvs, triangles, links, .. } = mesh;
         let not_numbers = AtomicU64::new(0);
         let mut moves = vec![Vec3::ZERO; positions.len()];
         moves.par_chunks_mut(AT_ONCE).enumerate().for_each(|(chunk, moves)| {
-            let _held = self.textures.store().attach();
+            let _held = self.attach();
             for (i, moved) in moves.iter_mut().enumerate() {
                 let v = chunk * AT_ONCE + i;
                 let uv = uvs.get(v).map_or(Vec2::ZERO, |&uv| Vec2::from(uv));
-                let normal = Vec3::from(normals[v]);
-                // pbrt-v4 asks in object space, which is another place for textures that are mapped by position.
-                let p = place.to_world.point(Vec3::from(positions[v]));
-                let n = place.to_world.normal(normal).normalize_or_zero();
-                let height = self.textures.eval(self.texture, &TextureCoordinates::at(uv, p, n)).x;
-                if height.is_finite() {
-                    *moved = height * normal;
-                } else {
-                    not_numbers.fetch_add(1, Ordering::Relaxed);
+                match self.moved(Vec3::from(positions[v]), Vec3::from(normals[v]), uv) {
+                    Some(by) => *moved = by,
+                    None => _ = not_numbers.fetch_add(1, Ordering::Relaxed),
                 }
             }
         });
         Groups::new(positions.len(), links.iter().map(|(link, _)| *link)).each(|group| {
-            let sum: DVec3 = group.iter().map(|&v| moves[v as usize].as_dvec3()).sum();
-            let mean = (sum / group.len() as f64).as_vec3();
+            let mean = mean(group.iter().map(|&v| moves[v as usize]));
             group.iter().for_each(|&v| moves[v as usize] = mean);
         });
         positions.par_iter_mut().zip(&moves).for_each(|(p, moved)| *p = (Vec3::from(*p) + *moved).to_array());
@@ -128,22 +131,35 @@ impl Displacement<'_> {
             let sum: DVec3 = group.iter().map(|&v| sums[v as usize]).sum();
             group.iter().for_each(|&v| sums[v as usize] = sum);
         });
-        let unit = |(sum, before): (&DVec3, &[f32; 3])| {
-            sum.try_normalize().map_or(*before, |n| n.as_vec3().to_array())
-        };
-        let normals = sums.par_iter().zip(&normals).map(unit).collect();
+        let normals =
+            sums.par_iter().zip(&normals).map(|(sum, &before)| moved_normal(*sum, before)).collect();
         let mesh = TriangleMesh { positions, normals, uvs, tangents: Vec::new(), indices: triangles };
         MadeMesh { mesh, not_numbers: not_numbers.into_inner() }
     }
+}
+
+/// Of what the versions of a vertex move by.
+pub(super) fn mean(moves: impl ExactSizeIterator<Item = Vec3>) -> Vec3 {
+    let count = moves.len() as f64;
+    (moves.map(|m| m.as_dvec3()).sum::<DVec3>() / count).as_vec3()
+}
+
+/// Of a vertex, by the normals of its triangles and the one it had.
+pub(super) fn moved_normal(sum: DVec3, before: [f32; 3]) -> [f32; 3] {
+    sum.try_normalize().map_or(before, |n| n.as_vec3().to_array())
+}
+
+/// A triangle's normal, as long as twice its area; `None` where that is no number.
+pub(super) fn area_normal([a, b, c]: [Vec3; 3]) -> Option<DVec3> {
+    let [a, b, c] = [a, b, c].map(|p| p.as_dvec3());
+    Some((b - a).cross(c - a)).filter(|normal| normal.is_finite())
 }
 
 /// Of each vertex, the sum of its triangles' normals, each as long as its area.
 fn normal_sums(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<DVec3> {
     let mut sums = vec![DVec3::ZERO; positions.len()];
     for t in triangles {
-        let [a, b, c] = t.map(|v| Vec3::from(positions[v as usize]).as_dvec3());
-        let normal = (b - a).cross(c - a);
-        if normal.is_finite() {
+        if let Some(normal) = area_normal(t.map(|v| Vec3::from(positions[v as usize]))) {
             t.iter().for_each(|&v| sums[v as usize] += normal);
         }
     }

@@ -6,18 +6,26 @@
 
 mod curves;
 mod displace;
+mod parts;
+mod patches;
 mod refine;
+mod rule;
 mod seams;
 mod view;
 
+pub use parts::{InPieces, Part, Parts, Piece};
 pub use refine::MAX_TRIANGLES;
 pub use view::{DEFAULT_EDGE_PIXELS, View};
 
 use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::prepare::{all_shapes, is_visible};
-use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TriangleMesh};
+use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
+
 use crate::texture::Textures;
+use displace::Displacement;
+use patches::Patches;
+use std::sync::Arc;
 
 /// What makers are given.
 #[derive(Clone, Copy)]
@@ -25,7 +33,7 @@ pub struct Making<'a> {
     /// The camera.
     pub view: &'a View,
     /// For displacement; there where something is displaced.
-    pub textures: Option<&'a Textures>,
+    pub textures: Option<&'a Arc<Textures>>,
     /// Bytes that geometry may take, where there is a bound.
     pub room: Option<u64>,
 }
@@ -82,13 +90,51 @@ pub(super) fn make(
         }
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
-            let textures = making.textures.expect("who loads a displaced mesh has its texture");
-            let (texture, edge_length, most) = (*texture, *edge_length, making.most_triangles());
-            let view = making.view;
-            let moved = displace::Displacement { texture, edge_length, textures, most, place, view, stop };
-            moved.apply(base).map_err(placed)?
+            let most = making.most_triangles();
+            let moved = displacement(*texture, *edge_length, place, making).of(base, most);
+            moved.and_then(|moved| moved.whole(most, stop)).map_err(placed)?
         }
     })
+}
+
+fn displacement<'a>(
+    texture: TextureId,
+    edge_length: Option<f32>,
+    place: Place<'a>,
+    making: &'a Making<'a>,
+) -> Displacement<'a> {
+    let textures = making.textures.expect("who loads a displaced mesh has its texture");
+    Displacement { texture, edge_length, textures, place, view: making.view }
+}
+
+/// The mesh that `shape` stands for in pieces of about `most` triangles; `None` where it is read, not made.
+pub(super) fn in_pieces(
+    source: &MeshSource,
+    shape: &Shape,
+    places: &[Transform],
+    making: &Making<'_>,
+    most: u32,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Option<InPieces>> {
+    let placed = |e: Error| match e {
+        Error::Resource(what) => Error::at(&shape.at, what),
+        other => other,
+    };
+    let place = Place { to_world: &shape.object_to_world, places };
+    let pieces = match source {
+        MeshSource::Inline(_) | MeshSource::Ply(_) => return Ok(None),
+        MeshSource::Loop { control, levels } => {
+            let pieces = super::loop_subdivision::divide(control, *levels, most);
+            pieces.map_err(|e| Error::at(&shape.at, e.to_string()))?
+        }
+        MeshSource::Curves(strands) => curves::divide(strands, &place, making.view, most).map_err(placed)?,
+        MeshSource::Displaced { base, texture, edge_length } => {
+            let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
+            let moved = displacement(*texture, *edge_length, place, making).of(base, patches::MOST as usize);
+            moved.and_then(|moved| Patches::divide(moved, most, stop)).map_err(placed)?
+        }
+    };
+    Ok(Some(pieces))
 }
 
 /// Of each object of `scene`, and of the world last, the places where it stands.

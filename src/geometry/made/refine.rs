@@ -4,6 +4,7 @@
 //! both of its triangles divide it alike: there are no cracks, whatever the rates on either side. The result does not
 //! depend on the number of threads. Never moves what it divides.
 
+use super::rule::{self, WHOLE, cut, normal_between};
 use super::seams::Seam;
 use crate::error::{Error, Result};
 use glam::{Vec2, Vec3};
@@ -26,67 +27,62 @@ pub(super) struct Refined {
     pub(super) links: Vec<([u32; 2], bool)>,
 }
 
-/// No middle.
-const WHOLE: u32 = u32::MAX;
+/// A level of triangles while all are divided, and how many each of them becomes.
+struct Level {
+    triangles: Vec<[u32; 3]>,
+    parts: Vec<u8>,
+}
 
 impl Refined {
-    /// Divides edges while `splits` says so of their end points, in either order, into `most` triangles at most.
+    /// Divides edges in the middle that `middle` gives for their end points, in either order, into `most` triangles at most.
+    /// What a triangle becomes stands together, and where it stood.
     pub(super) fn divide(
         mut self,
         most: usize,
-        splits: impl Fn(Vec3, Vec3) -> bool + Sync,
+        middle: impl Fn(Vec3, Vec3) -> Option<Vec3> + Sync,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self> {
         for seam in &self.seams {
             self.links.extend((0..2).map(|i| ([seam.a[i], seam.b[i]], seam.smooth)));
         }
         let mut active = std::mem::take(&mut self.triangles);
-        loop {
+        let mut levels: Vec<Level> = Vec::new();
+        let mut ready = 0;
+        while !active.is_empty() {
             if stop() {
                 return Err(Error::Interrupted);
             }
-            let (middles, count) = self.middles(&active, &splits)?;
-            if count == 0 {
-                self.triangles.append(&mut active);
-                return Ok(self);
-            }
-            let parts =
-                |i: usize| -> usize { 1 + middles[3 * i..3 * i + 3].iter().filter(|&&m| m != WHOLE).count() };
-            let made: usize = (0..active.len()).into_par_iter().map(parts).sum();
-            if self.triangles.len() + made > most {
+            let middles = self.middles(&active, &middle)?;
+            let parts = |of: &[u32]| 1 + of.iter().filter(|&&m| m != WHOLE).count() as u8;
+            let parts: Vec<u8> = middles.par_chunks_exact(3).map(parts).collect();
+            if ready + parts.par_iter().map(|&n| n as usize).sum::<usize>() > most {
                 return Err(too_many(None, most));
             }
-            let (ready, divided): (Vec<_>, Vec<_>) =
-                (0..active.len()).into_par_iter().partition(|&i| parts(i) == 1);
-            self.triangles.par_extend(ready.par_iter().map(|&i| active[i]));
+            ready += parts.par_iter().filter(|&&n| n == 1).count();
             let at = |v: u32| Vec3::from(self.positions[v as usize]);
-            active = divided
-                .par_iter()
-                .flat_map_iter(|&i| {
-                    let mut four = [[WHOLE; 3]; 4];
-                    let n = cut(active[i], [0, 1, 2].map(|k| middles[3 * i + k]), at, &mut four);
-                    four.into_iter().take(n)
-                })
-                .collect();
+            let next = (0..active.len()).into_par_iter().filter(|&i| parts[i] > 1).flat_map_iter(|i| {
+                let mut four = [[WHOLE; 3]; 4];
+                let n = cut(active[i], [0, 1, 2].map(|k| middles[3 * i + k]), at, &mut four);
+                four.into_iter().take(n)
+            });
+            let next = next.collect();
+            levels.push(Level { triangles: std::mem::replace(&mut active, next), parts });
         }
+        self.triangles = in_order(&levels);
+        Ok(self)
     }
 
-    /// The vertex in the middle of each edge of `triangles` that is to be divided, made here, and their number.
+    /// The vertex in the middle of each edge of `triangles` that is divided, made here.
     fn middles(
         &mut self,
         triangles: &[[u32; 3]],
-        splits: &(impl Fn(Vec3, Vec3) -> bool + Sync),
-    ) -> Result<(Vec<u32>, usize)> {
+        middle: &(impl Fn(Vec3, Vec3) -> Option<Vec3> + Sync),
+    ) -> Result<Vec<u32>> {
         let at = |v: u32| Vec3::from(self.positions[v as usize]);
         let edges = |(i, t): (usize, &[u32; 3])| {
             let ends = [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
             let asked = move |(k, [a, b]): (usize, [u32; 2])| (([a.min(b), a.max(b)]), (3 * i + k) as u32);
-            let wanted = |([a, b], _): &([u32; 2], u32)| {
-                let (p, q) = (at(*a), at(*b));
-                let middle = middle(p, q);
-                // Where numbers end, so does dividing.
-                middle != p && middle != q && middle.is_finite() && splits(p, q)
-            };
+            let wanted = |([a, b], _): &([u32; 2], u32)| middle(at(*a), at(*b)).is_some();
             ends.into_iter().enumerate().map(asked).filter(wanted)
         };
         let mut asked: Vec<([u32; 2], u32)> = triangles.par_iter().enumerate().flat_map_iter(edges).collect();
@@ -103,15 +99,14 @@ impl Refined {
             return Err(too_many(None, MAX_TRIANGLES));
         }
         let Self { positions, normals, uvs, seams, links, .. } = self;
-        let both = |column: &[[f32; 3]], [a, b]: [u32; 2]| {
-            middle(Vec3::from(column[a as usize]), Vec3::from(column[b as usize]))
+        let between = |column: &[[f32; 3]], how: fn(Vec3, Vec3) -> Vec3| -> Vec<[f32; 3]> {
+            let ends = |[a, b]: &[u32; 2]| [*a, *b].map(|v| Vec3::from(column[v as usize]));
+            keys.par_iter().map(ends).map(|[a, b]| how(a, b).to_array()).collect()
         };
-        let new: Vec<[f32; 3]> = keys.par_iter().map(|&k| both(positions, k).to_array()).collect();
+        let new = between(positions, rule::middle);
         positions.extend(new);
         if !normals.is_empty() {
-            let unit =
-                |n: Vec3, [a, _]: [u32; 2]| n.try_normalize().map_or(normals[a as usize], |n| n.to_array());
-            let new: Vec<[f32; 3]> = keys.par_iter().map(|&k| unit(both(normals, k), k)).collect();
+            let new = between(normals, normal_between);
             normals.extend(new);
         }
         if !uvs.is_empty() {
@@ -131,52 +126,42 @@ impl Refined {
         let divided: Vec<[Seam; 2]> = seams.iter().filter_map(halves).collect();
         links.extend(divided.iter().map(|[half, _]| ([half.a[1], half.b[1]], half.smooth)));
         *seams = divided.into_iter().flatten().collect();
-        Ok((middles, keys.len()))
+        Ok(middles)
     }
 }
 
-/// The same whichever end is named first.
-fn middle(a: Vec3, b: Vec3) -> Vec3 {
-    0.5 * a + 0.5 * b
-}
-
-/// A triangle by the vertices in the middle of its edges; how many there are.
-fn cut([a, b, c]: [u32; 3], middles: [u32; 3], at: impl Fn(u32) -> Vec3, out: &mut [[u32; 3]; 4]) -> usize {
-    let divided = middles.map(|m| m != WHOLE);
-    // Turned so that the first edge is divided and the last is not, unless all are.
-    let (t, m) = match divided {
-        [true, _, false] | [true, true, true] | [false, false, false] => ([a, b, c], middles),
-        [_, true, _] if !divided[0] => ([b, c, a], [middles[1], middles[2], middles[0]]),
-        _ => ([c, a, b], [middles[2], middles[0], middles[1]]),
-    };
-    let [a, b, c] = t;
-    match m.map(|m| m != WHOLE) {
-        [true, true, true] => {
-            *out = [[a, m[0], m[2]], [m[0], b, m[1]], [m[2], m[1], c], [m[0], m[1], m[2]]];
-            4
-        }
-        [true, true, false] => {
-            out[0] = [m[0], b, m[1]];
-            // The shorter diagonal of what is left.
-            if at(m[1]).distance_squared(at(a)) <= at(m[0]).distance_squared(at(c)) {
-                out[1] = [a, m[0], m[1]];
-                out[2] = [a, m[1], c];
-            } else {
-                out[1] = [a, m[0], c];
-                out[2] = [m[0], m[1], c];
+/// The triangles that were not divided any further, those of one of `levels[0]` after those of the one before, and so on.
+fn in_order(levels: &[Level]) -> Vec<[u32; 3]> {
+    let mut counts: Vec<Vec<u32>> = Vec::with_capacity(levels.len());
+    for level in levels.iter().rev() {
+        let mut below = counts.last().map_or(&[][..], |counts| counts).iter();
+        let count = |&parts: &u8| if parts == 1 { 1 } else { below.by_ref().take(parts.into()).sum() };
+        counts.push(level.parts.iter().map(count).collect());
+    }
+    let mut starts: Vec<u32> = Vec::new();
+    let mut next = 0;
+    for count in counts.last().into_iter().flatten() {
+        starts.push(next);
+        next += count;
+    }
+    let mut out = vec![[WHOLE; 3]; next as usize];
+    for level in levels {
+        counts.pop();
+        let mut below = counts.last().map_or(&[][..], |counts| counts).iter();
+        let mut starts_below = Vec::with_capacity(below.len());
+        for ((&t, &parts), mut start) in level.triangles.iter().zip(&level.parts).zip(starts) {
+            if parts == 1 {
+                out[start as usize] = t;
+                continue;
             }
-            3
+            for count in below.by_ref().take(parts.into()) {
+                starts_below.push(start);
+                start += count;
+            }
         }
-        [true, false, _] => {
-            out[0] = [a, m[0], c];
-            out[1] = [m[0], b, c];
-            2
-        }
-        _ => {
-            out[0] = t;
-            1
-        }
+        starts = starts_below;
     }
+    out
 }
 
 /// More than `most`: `at_least`, if that is known.

@@ -103,3 +103,41 @@ impl Groups {
         }
     }
 }
+
+/// Vertices that are one, to be asked about one by one.
+pub(super) struct Linked {
+    /// Of each vertex the first that is one with it; empty where no two are.
+    firsts: Vec<u32>,
+    /// The first and a member, of groups of more than one, in order.
+    members: Vec<[u32; 2]>,
+}
+
+impl Linked {
+    /// Of `vertices` vertices, by links between them.
+    pub(super) fn new(vertices: usize, links: impl Iterator<Item = [u32; 2]>) -> Self {
+        let mut members = Vec::new();
+        Groups::new(vertices, links).each(|group| members.extend(group.iter().map(|&v| [group[0], v])));
+        let mut firsts = Vec::new();
+        if !members.is_empty() {
+            firsts.extend(0..vertices as u32);
+            members.iter().for_each(|&[first, v]| firsts[v as usize] = first);
+        }
+        Self { firsts, members }
+    }
+
+    /// The first that is one with `v`.
+    pub(super) fn first(&self, v: u32) -> u32 {
+        self.firsts.get(v as usize).copied().unwrap_or(v)
+    }
+
+    /// All that are one with `v`, itself among them, in rising order; none where there is no other.
+    pub(super) fn of(&self, v: u32) -> impl Iterator<Item = u32> + '_ {
+        let first = self.first(v);
+        let start = self.members.partition_point(|m| m[0] < first);
+        self.members[start..].iter().take_while(move |m| m[0] == first).map(|m| m[1])
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.firsts[..]) + size_of_val(&self.members[..])
+    }
+}

@@ -2,8 +2,11 @@
 //!
 //! Invariant: shapes are told apart by the bits of their positions, as a ray tells them apart.
 
-use super::displace::Displacement;
+use super::displace::{Displaced, Displacement};
+use super::parts::{InPieces, Part};
+use super::patches::Patches;
 use super::refine::{MAX_TRIANGLES, Refined};
+use super::rule::middle;
 use super::seams::{self, Seam};
 use super::view::{Seen, View};
 use super::{Place, curves};
@@ -17,13 +20,14 @@ use crate::texture::{ImageData, Pixels, TextureStore, Textures};
 use glam::{DMat4, Vec3};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 const AT_HOME: Place<'static> = Place { to_world: &Transform::IDENTITY, places: &[Transform::IDENTITY] };
 
-fn textures(node: Texture) -> Textures {
+fn textures(node: Texture) -> Arc<Textures> {
     let one = ImageData { width: 1, height: 1, channels: 1, pixels: Pixels::U8(vec![0]) };
     let store = TextureStore::from_data(one, Encoding::Linear, false).expect("memory");
-    Textures::new(vec![node], store, None).expect("one node")
+    Arc::new(Textures::new(vec![node], store, None).expect("one node"))
 }
 
 /// u at texture coordinates (u, v).
@@ -44,15 +48,21 @@ fn view(distance: f64, pixels: u32, edge: f32) -> View {
     View::new(&camera, (pixels, pixels), edge)
 }
 
-/// By the only texture of `textures`.
-fn displacement<'a>(textures: &'a Textures, edge_length: Option<f32>, view: &'a View) -> Displacement<'a> {
-    let (texture, most) = (TextureId(0), MAX_TRIANGLES);
-    Displacement { texture, edge_length, textures, most, place: AT_HOME, view, stop: &|| false }
+/// `base`, to be moved by the only texture of `textures`.
+fn displacement(
+    textures: &Arc<Textures>,
+    edge_length: Option<f32>,
+    view: &View,
+    base: TriangleMesh,
+) -> Result<Displaced, Error> {
+    let what = Displacement { texture: TextureId(0), edge_length, textures, place: AT_HOME, view };
+    what.of(base, MAX_TRIANGLES)
 }
 
 fn displaced(base: TriangleMesh, node: Texture, edge_length: Option<f32>, view: &View) -> TriangleMesh {
-    let textures = textures(node);
-    displacement(&textures, edge_length, view).apply(base).unwrap_or_else(|e| panic!("{e}")).mesh
+    let moved = displacement(&textures(node), edge_length, view, base);
+    let moved = moved.and_then(|moved| moved.whole(MAX_TRIANGLES, &|| false));
+    moved.unwrap_or_else(|e| panic!("{e}")).mesh
 }
 
 fn square() -> TriangleMesh {
@@ -97,7 +107,8 @@ fn a_plane_moved_by_a_slope_is_the_sloping_plane() {
 #[test]
 fn values_that_are_no_numbers_move_nothing() {
     let textures = textures(Texture::Constant(Rgb::splat(f32::NAN)));
-    let made = displacement(&textures, Some(0.3), &view(3.0, 10, 2.0)).apply(square()).expect("sound");
+    let made = displacement(&textures, Some(0.3), &view(3.0, 10, 2.0), square()).expect("sound");
+    let made = made.whole(MAX_TRIANGLES, &|| false).expect("few");
     assert_eq!(made.not_numbers, made.mesh.positions.len() as u64);
     assert!(made.mesh.positions.iter().all(|p| p[2] == 0.0));
     // Neither do positions that are none keep it busy for ever.
@@ -196,11 +207,10 @@ fn a_closed_mesh_stays_closed_at_seams_and_between_rates() {
 fn without_seams_it_opens() {
     let textures = textures(slope());
     let view = view(1.3, 200, 2.0);
-    let what = displacement(&textures, None, &view);
-    let TriangleMesh { positions, normals, uvs, indices: triangles, .. } = globe(12, 6);
-    let refined = Refined { positions, normals, uvs, triangles, ..Refined::default() };
-    let refined = what.divide(refined).expect("sound");
-    assert!(open_edges(&what.displace(refined).mesh) > 100);
+    let mut what = displacement(&textures, None, &view, globe(12, 6)).expect("sound");
+    assert!(!std::mem::take(&mut what.base.seams).is_empty());
+    let made = what.whole(MAX_TRIANGLES, &|| false).expect("few");
+    assert!(open_edges(&made.mesh) > 100);
 }
 
 #[test]
@@ -250,15 +260,15 @@ fn it_depends_on_no_thread_and_on_no_order() {
 fn what_would_be_too_many_is_refused_before_it_is_made() {
     let textures = textures(slope());
     let view = view(3.0, 10, 2.0);
-    let Err(Error::Resource(line)) = displacement(&textures, Some(1e-5), &view).apply(square()) else {
+    let Err(Error::Resource(line)) = displacement(&textures, Some(1e-5), &view, square()) else {
         panic!("2·10¹⁰ triangles were made")
     };
     assert!(line.contains("(23094011934 at least)"), "{line}");
     let TriangleMesh { positions, indices: triangles, .. } = square();
     let refined = Refined { positions, triangles, ..Refined::default() };
-    let divided = refined.clone().divide(1000, |_, _| true, &|| false);
+    let divided = refined.clone().divide(1000, |a, b| Some(middle(a, b)), &|| false);
     assert!(matches!(divided, Err(Error::Resource(_))));
-    assert!(matches!(refined.divide(1000, |_, _| false, &|| true), Err(Error::Interrupted)));
+    assert!(matches!(refined.divide(1000, |_, _| None, &|| true), Err(Error::Interrupted)));
 }
 
 #[test]
@@ -267,7 +277,7 @@ fn pixels_of_edges_are_those_of_the_camera() {
     let view = view(10.0, 100, 2.0);
     let seen = |places: &[Transform]| {
         let seen = Seen::new(&view, places, DVec3::ZERO, 1.0);
-        seen.edge(DVec3::new(-0.5, 0.0, 0.0), DVec3::new(0.5, 0.0, 0.0))
+        seen.edge(&seen.spot(DVec3::new(-0.5, 0.0, 0.0)), &seen.spot(DVec3::new(0.5, 0.0, 0.0)))
     };
     let near = |found: f64, known: f64| assert!((found / known - 1.0).abs() < 1e-12, "{found}, not {known}");
     let moved = |by: DVec3| Transform::from_matrix(DMat4::from_translation(by)).expect("a translation");
@@ -394,4 +404,104 @@ fn segments_of_a_smooth_curve_meet_to_the_bit() {
     // A tube that is open at both ends: as many edges of one triangle as it has sides at these.
     let sides = mesh.uvs.iter().filter(|uv| uv[0] == 0.0).count() / 4 - 1;
     assert_eq!(open_edges(&mesh), 2 * sides);
+}
+
+/// Of a triangle: positions, normals and texture coordinates of its corners, in bits.
+type Triangle = [[u32; 8]; 3];
+
+fn triangle(mesh: &TriangleMesh, t: [u32; 3]) -> Triangle {
+    t.map(|v| {
+        let v = v as usize;
+        let [p, n] = [&mesh.positions, &mesh.normals].map(|column| column[v].map(f32::to_bits));
+        let uv = mesh.uvs.get(v).copied().unwrap_or_default().map(f32::to_bits);
+        [p[0], p[1], p[2], n[0], n[1], n[2], uv[0], uv[1]]
+    })
+}
+
+/// Makes all pieces, some at a time, and holds them against the whole.
+#[track_caller]
+fn parts_are_the_whole(whole: &TriangleMesh, (parts, pieces): InPieces, at_once: usize) {
+    let count: u64 = pieces.iter().map(|p| u64::from(p.triangles)).sum();
+    assert_eq!(count, whole.indices.len() as u64);
+    let names: Vec<u32> = (0..pieces.len() as u32).collect();
+    let (even, odd): (Vec<_>, Vec<_>) =
+        names.chunks(at_once).enumerate().partition(|(i, _)| i.is_multiple_of(2));
+    let odd: Vec<u32> = odd.into_iter().flat_map(|(_, group)| group).copied().collect();
+    let mut seen = vec![false; whole.indices.len()];
+    let mut check = |part: Part| {
+        assert_eq!(part.names.len(), part.mesh.indices.len());
+        assert!(part.names.is_sorted());
+        for (&name, &t) in part.names.iter().zip(&part.mesh.indices) {
+            let known = triangle(whole, whole.indices[name as usize]);
+            assert_eq!(triangle(&part.mesh, t), known, "triangle {name}");
+            assert!(!std::mem::replace(&mut seen[name as usize], true), "{name} is made twice");
+        }
+    };
+    even.into_iter().for_each(|(_, group)| check(parts.make(group)));
+    // Pieces that are not neighbours, too.
+    for k in 0..7 {
+        check(parts.make(&odd.iter().skip(k).step_by(7).copied().collect::<Vec<u32>>()));
+    }
+    assert!(seen.iter().all(|&seen| seen));
+}
+
+#[test]
+fn a_displaced_mesh_in_parts_is_the_whole() {
+    let near = view(1.3, 90, 2.0);
+    let globe = globe(12, 6);
+    // Without shared vertices, and with seams of light.
+    let mut soup = TriangleMesh::default();
+    for (i, t) in globe.indices.iter().enumerate() {
+        for v in t.map(|v| v as usize) {
+            soup.positions.push(globe.positions[v]);
+            soup.uvs.push([i as f32 * 0.37 % 1.0, globe.uvs[v][1]]);
+        }
+        soup.indices.push([0, 1, 2].map(|k| (3 * i + k) as u32));
+    }
+    for base in [square(), globe, soup] {
+        let whole = displaced(base.clone(), slope(), None, &near);
+        assert!(whole.indices.len() > 1000, "{}", whole.indices.len());
+        for (most, at_once) in [(1, 40), (30, 1), (30, 9), (100_000, 3)] {
+            let moved = displacement(&textures(slope()), None, &near, base.clone()).expect("sound");
+            let pieces = Patches::divide(moved, most, &|| false).expect("few");
+            parts_are_the_whole(&whole, pieces, at_once);
+        }
+    }
+}
+
+#[test]
+fn curves_in_parts_are_the_whole() {
+    let text = "WorldBegin\nShape \"curve\" \"string basis\" \"bspline\" \"float width0\" .3 \"float width1\" 0 \
+                \"point3 P\" [ 0 0 0  .7 1 0  2 .3 1  3 1.1 1  3 2 1  2 2.3 .2  1 3 0 ]\n\
+                Shape \"curve\" \"string type\" \"ribbon\" \"point3 P\" [ -1 0 0 -.3 1 0 .4 -1 0 1 0 0 ] \"float width\" \
+                .5 \"normal N\" [ 0 0 1  0 .6 .8 ]";
+    let scene = crate::scene::pbrt::parse_str(text, std::path::Path::new("s.pbrt")).expect("sound");
+    let view = view(6.0, 700, 2.0);
+    for mesh in &scene.meshes {
+        let crate::scene::MeshSource::Curves(strands) = mesh else { panic!("curves") };
+        let whole = curves::draw(strands, &AT_HOME, &view).expect("few");
+        for (most, at_once) in [(1, 5), (20, 1), (100_000, 2)] {
+            let pieces = curves::divide(strands, &AT_HOME, &view, most).expect("few");
+            parts_are_the_whole(&whole, pieces, at_once);
+        }
+    }
+}
+
+#[test]
+fn a_subdivision_surface_in_parts_is_the_whole() {
+    use crate::geometry::loop_subdivision::{divide, subdivide};
+    let mut globe = globe(8, 5);
+    // Closed but for a hole, with a fan of its own at one vertex, which two faces touch in a point.
+    let last = globe.positions.len() as u32;
+    globe.positions.extend([[2.0, 0.0, 1.0], [2.0, 0.5, 1.0]]);
+    globe.indices.remove(7);
+    globe.indices.push([globe.indices[20][0], last, last + 1]);
+    for control in [square(), globe] {
+        for levels in [0, 1, 4] {
+            let whole = subdivide(&control, levels).expect("small");
+            for (most, at_once) in [(1, 13), (16, 3), (100_000, 5)] {
+                parts_are_the_whole(&whole, divide(&control, levels, most).expect("small"), at_once);
+            }
+        }
+    }
 }

@@ -15,25 +15,39 @@ const MARGIN: f64 = 0.25;
 /// Instances that are looked at one by one beside those that may touch the eye; one bound stands for the others.
 const LOOKED_AT: usize = 8;
 
-/// Distance beyond a plane, in any unit.
-type Plane<'a> = &'a dyn Fn(DVec3) -> f64;
+/// A plane around what is in view, in camera space; `across` points away from that, and is of any length.
+#[derive(Clone, Copy, Debug)]
+struct Plane {
+    across: DVec3,
+    offset: f64,
+}
+
+impl Plane {
+    /// Nothing is beyond it.
+    const NOWHERE: Self = Self { across: DVec3::ZERO, offset: -1.0 };
+
+    /// How far a point is beyond it, in units of the length of `across`.
+    #[inline]
+    fn beyond(&self, p: DVec3) -> f64 {
+        self.across.dot(p) + self.offset
+    }
+}
 
 /// The camera, as far as sizes go.
 #[derive(Clone, Debug)]
 pub struct View {
     world_to_camera: DMat4,
     lens: Lens,
+    planes: [Plane; 5],
     edge_pixels: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Lens {
-    /// A pixel at distance 1 is `spread` wide; the window is at distance 1.
-    Perspective { spread: f64, window: [f64; 4] },
-    /// A pixel is `pixel` wide.
-    Orthographic { pixel: f64, window: [f64; 4] },
-    /// All around.
-    Sphere { spread: f64 },
+    /// All that is seen is seen from a point; a pixel at distance 1 is `spread` wide.
+    Point { spread: f64 },
+    /// A pixel is `pixel` wide everywhere.
+    Parallel { pixel: f64 },
 }
 
 impl View {
@@ -59,18 +73,32 @@ impl View {
             (lo - margin, hi + margin)
         };
         let ((x0, x1), (y0, y1)) = (wider(x0, x1), wider(y0, y1));
-        let lens = match camera.kind {
+        // The window is at distance 1: a side of it at `side` times that, or at `side` from the axis.
+        let sides = |f: &dyn Fn(DVec3, f64, f64) -> Plane| {
+            let behind = Plane { across: DVec3::NEG_Z, offset: 0.0 };
+            [behind, f(DVec3::X, 1.0, x1), f(DVec3::X, -1.0, x0), f(DVec3::Y, 1.0, y1), f(DVec3::Y, -1.0, y0)]
+        };
+        let (lens, planes) = match camera.kind {
             CameraKind::Perspective { fov_degrees } => {
                 let tangent = (f64::from(fov_degrees).to_radians() * 0.5).tan();
-                Lens::Perspective { spread: pixel * tangent, window: [x0, x1, y0, y1].map(|c| c * tangent) }
+                let plane = |axis: DVec3, sign: f64, side: f64| Plane {
+                    across: sign * (axis - side * tangent * DVec3::Z),
+                    offset: 0.0,
+                };
+                (Lens::Point { spread: pixel * tangent }, sides(&plane))
             }
-            CameraKind::Orthographic => Lens::Orthographic { pixel, window: [x0, x1, y0, y1] },
+            CameraKind::Orthographic => {
+                let plane =
+                    |axis: DVec3, sign: f64, side: f64| Plane { across: sign * axis, offset: -sign * side };
+                (Lens::Parallel { pixel }, sides(&plane))
+            }
             CameraKind::Spherical { .. } => {
-                Lens::Sphere { spread: (4.0 * std::f64::consts::PI / (w * h)).sqrt() }
+                let spread = (4.0 * std::f64::consts::PI / (w * h)).sqrt();
+                (Lens::Point { spread }, [Plane::NOWHERE; 5])
             }
         };
         let edge_pixels = f64::from(edge_pixels).max(f64::MIN_POSITIVE);
-        Self { world_to_camera: camera.camera_to_world.inv, lens, edge_pixels }
+        Self { world_to_camera: camera.camera_to_world.inv, lens, planes, edge_pixels }
     }
 
     /// Pixels that an edge may have.
@@ -78,58 +106,38 @@ impl View {
         self.edge_pixels
     }
 
-    /// Pixels from `a` to `b` in camera space, seen face on from the eye; fewer out of view.
-    fn pixels(&self, a: DVec3, b: DVec3) -> f64 {
-        let along = b - a;
-        let length = along.length();
-        let nearest = || {
-            let t = (-a.dot(along) / along.length_squared()).clamp(0.0, 1.0);
-            (a + along * t).length()
-        };
-        let pixels = match self.lens {
-            Lens::Perspective { spread, .. } | Lens::Sphere { spread } => length / (spread * nearest()),
-            Lens::Orthographic { pixel, .. } => length / pixel,
-        };
-        let both = |f: Plane<'_>| f(a) > 0.0 && f(b) > 0.0;
-        if self.beyond(&both) { pixels / OUT_OF_VIEW } else { pixels }
+    /// A point of camera space, as [`Self::pixels`] asks for it.
+    #[inline]
+    fn eye(&self, p: DVec3) -> Eye {
+        let outside = |(i, plane): (usize, &Plane)| u8::from(plane.beyond(p) > 0.0) << i;
+        Eye { p, outside: self.planes.iter().enumerate().map(outside).sum() }
     }
 
-    /// Whether all of something is beyond one of the planes around what is in view; `all` says of a distance whether it
-    /// is positive everywhere.
-    fn beyond(&self, all: &dyn Fn(Plane<'_>) -> bool) -> bool {
-        match self.lens {
-            Lens::Sphere { .. } => false,
-            Lens::Perspective { window: [x0, x1, y0, y1], .. } => {
-                all(&|p| -p.z)
-                    || all(&|p| p.x - x1 * p.z)
-                    || all(&|p| x0 * p.z - p.x)
-                    || all(&|p| p.y - y1 * p.z)
-                    || all(&|p| y0 * p.z - p.y)
-            }
-            Lens::Orthographic { window: [x0, x1, y0, y1], .. } => {
-                all(&|p| -p.z)
-                    || all(&|p| p.x - x1)
-                    || all(&|p| x0 - p.x)
-                    || all(&|p| p.y - y1)
-                    || all(&|p| y0 - p.y)
-            }
-        }
+    /// Pixels from `a` to `b`, seen face on from the eye; fewer out of view.
+    #[inline]
+    fn pixels(&self, a: &Eye, b: &Eye) -> f64 {
+        let along = b.p - a.p;
+        let length = along.length_squared();
+        let nearest = || {
+            let t = (-a.p.dot(along) / length).clamp(0.0, 1.0);
+            (a.p + along * t).length_squared()
+        };
+        let pixels = match self.lens {
+            Lens::Point { spread } => (length / nearest()).sqrt() / spread,
+            Lens::Parallel { pixel } => length.sqrt() / pixel,
+        };
+        if a.outside & b.outside == 0 { pixels } else { pixels / OUT_OF_VIEW }
     }
 
     /// Most pixels that a unit may have within `radius` of `centre`, in camera space.
     fn pixels_per_unit(&self, centre: DVec3, radius: f64) -> f64 {
         let most = match self.lens {
-            Lens::Perspective { spread, .. } | Lens::Sphere { spread } => {
-                1.0 / (spread * (centre.length() - radius).max(0.0))
-            }
-            Lens::Orthographic { pixel, .. } => 1.0 / pixel,
+            Lens::Point { spread } => 1.0 / (spread * (centre.length() - radius).max(0.0)),
+            Lens::Parallel { pixel } => 1.0 / pixel,
         };
         // A plane's coefficients are not of unit length: its value changes by so much over the radius at most.
-        let reach = |f: Plane<'_>| {
-            let gradient = DVec3::new(f(DVec3::X), f(DVec3::Y), f(DVec3::Z)) - DVec3::splat(f(DVec3::ZERO));
-            f(centre) > radius * gradient.length()
-        };
-        if self.beyond(&reach) { most / OUT_OF_VIEW } else { most }
+        let beyond = |plane: &Plane| plane.beyond(centre) > radius * plane.across.length();
+        if self.planes.iter().any(beyond) { most / OUT_OF_VIEW } else { most }
     }
 }
 
@@ -139,17 +147,32 @@ pub(super) fn stretch(m: &DMat4) -> f64 {
 }
 
 /// A mesh's space, seen from everywhere it is placed.
-pub(super) struct Seen<'a> {
-    view: &'a View,
+pub(super) struct Seen {
+    view: View,
     /// To camera space.
     near: Vec<DMat4>,
     /// Pixels a unit in every other place, at most.
     far: f64,
 }
 
-impl<'a> Seen<'a> {
+/// A point of camera space, and the planes around what is in view beyond which it is, a bit each.
+#[derive(Clone, Copy, Debug)]
+struct Eye {
+    p: DVec3,
+    outside: u8,
+}
+
+/// A point in the world, and where the camera is that sees it nearest.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Spot {
+    pub(super) world: DVec3,
+    /// In camera space, from the first place.
+    first: Eye,
+}
+
+impl Seen {
     /// What lies within `radius` of `centre`, in all of its `places`.
-    pub(super) fn new(view: &'a View, places: &[Transform], centre: DVec3, radius: f64) -> Self {
+    pub(super) fn new(view: &View, places: &[Transform], centre: DVec3, radius: f64) -> Self {
         let all = places.iter().map(|place| {
             let m = view.world_to_camera * place.m;
             let stretch = stretch(&m);
@@ -160,19 +183,32 @@ impl<'a> Seen<'a> {
         let touching = all.iter().take_while(|(bound, _)| !bound.is_finite()).count();
         let far = all.get(touching + LOOKED_AT).map_or(0.0, |(bound, _)| *bound);
         let near = all.iter().take(touching + LOOKED_AT).map(|(_, m)| *m).collect();
-        Self { view, near, far }
+        Self { view: view.clone(), near, far }
+    }
+
+    /// A point, as edges that end in it are looked at.
+    #[inline]
+    pub(super) fn spot(&self, world: DVec3) -> Spot {
+        let first = self.near.first().map_or(DVec3::ZERO, |m| m.transform_point3(world));
+        Spot { world, first: self.view.eye(first) }
     }
 
     /// The larger of the edge's pixels over those it may have, where it is largest.
-    pub(super) fn edge(&self, a: DVec3, b: DVec3) -> f64 {
+    #[inline]
+    pub(super) fn edge(&self, a: &Spot, b: &Spot) -> f64 {
         // Rounding must not depend on who asks.
         let before = |a: &DVec3, b: &DVec3| {
             a.to_array().partial_cmp(&b.to_array()) == Some(std::cmp::Ordering::Greater)
         };
-        let (a, b) = if before(&a, &b) { (b, a) } else { (a, b) };
-        let far = self.far * (b - a).length();
-        let near = self.near.iter().map(|m| self.view.pixels(m.transform_point3(a), m.transform_point3(b)));
-        near.fold(far, f64::max) / self.view.edge_pixels
+        let (a, b) = if before(&a.world, &b.world) { (b, a) } else { (a, b) };
+        let far = if self.far > 0.0 { self.far * (b.world - a.world).length() } else { 0.0 };
+        let Some((_, others)) = self.near.split_first() else { return far / self.view.edge_pixels };
+        let first = self.view.pixels(&a.first, &b.first);
+        let near = others.iter().map(|m| {
+            let [a, b] = [a, b].map(|spot| self.view.eye(m.transform_point3(spot.world)));
+            self.view.pixels(&a, &b)
+        });
+        near.fold(far.max(first), f64::max) / self.view.edge_pixels
     }
 
     /// Pixels that a unit has within `radius` of `centre`, at most.

@@ -251,7 +251,7 @@ impl PageCache {
         let start = Instant::now();
         let mut slot = self.room(files);
         let ready = Instant::now();
-        let read = permits::lend(Room::ReadGeometry, || files.read(page, &mut slot, &mut thread.scratch));
+        let read = files.bring(page, &mut slot, &mut thread.scratch);
         let read_ns = nanoseconds(ready);
         self.read_ns.fetch_add(read_ns, Ordering::Relaxed);
         let failed = u64::from(read.is_err());

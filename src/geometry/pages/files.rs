@@ -1,11 +1,14 @@
-//! The page files of a scene, whose pages are named one after the other from 0.
+//! Where the pages of a scene come from; they are named one after the other from 0.
 
 use super::file::PageFile;
 use super::residents::Residents;
+use super::tessellate::MadePages;
 use crate::accel::bvh::PageView;
+use crate::clock::Room;
 use crate::error::{Error, Result};
+use crate::permits;
 use crate::texture::TileScratch;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What a page in memory costs beside its bytes: its record, its places in tables, and what the allocator adds.
 const BOOKKEEPING: usize = 256;
@@ -22,10 +25,34 @@ pub fn least_page_budget(page_bytes: usize, threads: usize) -> u64 {
     2 * threads.max(1) as u64 * cost(page_bytes)
 }
 
-/// All page files.
+/// Where pages of a mesh come from.
+pub(crate) enum PageSource {
+    /// They are read.
+    File(PageFile),
+    /// They are made.
+    Made(Box<MadePages>),
+}
+
+impl PageSource {
+    fn pages(&self) -> u32 {
+        match self {
+            Self::File(file) => file.pages(),
+            Self::Made(made) => made.pages(),
+        }
+    }
+
+    fn name(&self) -> &Path {
+        match self {
+            Self::File(file) => file.path(),
+            Self::Made(made) => made.name(),
+        }
+    }
+}
+
+/// All of them.
 pub(super) struct PageFiles {
-    files: Vec<PageFile>,
-    /// By page: the file; and by file: its first page.
+    files: Vec<PageSource>,
+    /// By page: where it comes from; and by that: its first page.
     of: Vec<u32>,
     firsts: Vec<u32>,
     pub(super) page_bytes: usize,
@@ -37,7 +64,7 @@ impl PageFiles {
     ///
     /// # Errors
     /// [`Error::Resource`] when there are more pages than names.
-    pub(super) fn new(files: Vec<PageFile>, page_bytes: usize) -> Result<Self> {
+    pub(super) fn new(files: Vec<PageSource>, page_bytes: usize) -> Result<Self> {
         let mut firsts = Vec::with_capacity(files.len());
         let mut of = Vec::new();
         for (file, i) in files.iter().zip(0u32..) {
@@ -74,7 +101,7 @@ impl PageFiles {
     }
 
     pub(super) fn names(&self) -> Vec<PathBuf> {
-        self.files.iter().map(|f| f.path().to_path_buf()).collect()
+        self.files.iter().map(|f| f.name().to_path_buf()).collect()
     }
 
     /// Bytes of the tables that find pages.
@@ -82,9 +109,22 @@ impl PageFiles {
         size_of_val(&self.files[..]) + size_of_val(&self.of[..]) + size_of_val(&self.firsts[..])
     }
 
-    /// Reads `page` into `out`; how many bytes were read for it.
-    pub(super) fn read(&self, page: u32, out: &mut [u8], scratch: &mut TileScratch) -> Result<u64> {
+    /// Bytes of what pages are made of.
+    pub(super) fn control_bytes(&self) -> usize {
+        let of = |file: &PageSource| match file {
+            PageSource::File(_) => 0,
+            PageSource::Made(made) => made.bytes(),
+        };
+        self.files.iter().map(of).sum()
+    }
+
+    /// Reads `page` into `out`, or makes it there; how many bytes were read for it.
+    pub(super) fn bring(&self, page: u32, out: &mut [u8], scratch: &mut TileScratch) -> Result<u64> {
         let file = self.file_of(page);
-        self.files[file].read(page - self.firsts[file], out, scratch)
+        let at = page - self.firsts[file];
+        match &self.files[file] {
+            PageSource::File(file) => permits::lend(Room::ReadGeometry, || file.read(at, out, scratch)),
+            PageSource::Made(made) => Ok(made.bring(at, out)),
+        }
     }
 }

@@ -4,6 +4,7 @@
 
 use crate::accel::bvh::{PageTree, PageView};
 use crate::geometry::Mesh;
+use crate::stats::KeyBuildHasher;
 use bytemuck::{Pod, cast_slice};
 use std::collections::HashMap;
 use std::hash::Hasher;
@@ -29,14 +30,14 @@ pub(super) type Page = (Vec<u8>, [[f32; 3]; 2]);
 /// The page of the triangles `names` of `mesh`, which may be a part of another, where they are `called` so.
 pub(super) fn encode(mesh: &Mesh, names: &[u32], called: impl Fn(u32) -> u32) -> Page {
     let mut tree = PageTree::new(&mesh.positions, &mesh.indices, names);
-    let mut local: HashMap<u32, u16> = HashMap::new();
+    let mut local: HashMap<u64, u16, KeyBuildHasher> = HashMap::default();
     let mut vertices = Vec::new();
     let mut corners: Vec<[u16; 3]> = Vec::new();
     for name in tree.primitives() {
         let of = mesh.indices.get(name as usize).copied();
         corners.push(of.map_or([0; 3], |of| {
             of.map(|vertex| {
-                *local.entry(vertex).or_insert_with(|| {
+                *local.entry(vertex.into()).or_insert_with(|| {
                     vertices.push(vertex as usize);
                     u16::try_from(vertices.len() - 1).expect("a page has fewer than 2^16 vertices")
                 })

@@ -10,12 +10,14 @@ use super::file::{self, PageFile, PagedMesh};
 use super::files::least_page_budget;
 use super::format::VERSION;
 use super::memory::CutMemory;
+use super::tessellate::{MadeFile, MadePages, Tessellated, triangles_in_a_piece};
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
+use crate::geometry::made::InPieces;
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
 use crate::prepare::LEAST_PAGED;
-use crate::replace::try_replace_entry;
+use crate::replace::{nameless_file, try_replace_entry};
 use crate::texture::cache_dir::{MakersLock, UNSETTLED};
 use crate::texture::convert::Failure;
 use crate::texture::convert::fingerprint::Stamp;
@@ -25,7 +27,7 @@ use std::fs::DirBuilder;
 use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::SystemTime;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -43,6 +45,8 @@ pub(crate) struct PageMaker {
     files: Arc<FilePool>,
     pool: ThreadPool,
     memory: CutMemory,
+    /// Pages that are made, once there are any.
+    kept: OnceLock<Option<Arc<MadeFile>>>,
     /// That will look at pages.
     threads: usize,
 }
@@ -119,6 +123,7 @@ impl PageMaker {
             files: Arc::new(FilePool::new(open_file_limit(), Caching::Direct)),
             pool,
             memory: CutMemory::new((budget / 4).max(LEAST_MEMORY)),
+            kept: OnceLock::new(),
             threads: 1,
         })
     }
@@ -196,10 +201,7 @@ impl PageMaker {
                 source.path.display()
             ))
         };
-        let directory = || {
-            DirBuilder::new().recursive(true).mode(0o700).create(&self.directory)?;
-            Ok(self.directory.as_path())
-        };
+        let directory = || self.directory();
         let asked = Asked {
             go_on: &|triangles| {
                 go_on()?;
@@ -246,6 +248,37 @@ impl PageMaker {
             .find(named)
             .ok_or_else(|| cannot(io::Error::other("what was written there is not what is read back")))?;
         Ok(Made::Pages(mesh, file))
+    }
+
+    /// Triangles that a piece of what is made should have at most.
+    pub(crate) fn piece_triangles(&self) -> u32 {
+        triangles_in_a_piece(self.page_bytes)
+    }
+
+    /// The pages of a shape in pieces; `None` where it is too small for any.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] when the budget or a page is too small; [`Error::Interrupted`].
+    pub(crate) fn tessellate(
+        &self,
+        shape: InPieces,
+        what: Tessellated<'_>,
+    ) -> Result<Option<(PagedMesh, MadePages)>> {
+        let triangles: u64 = shape.1.iter().map(|piece| u64::from(piece.triangles)).sum();
+        if triangles < LEAST_PAGED {
+            return Ok(None);
+        }
+        self.check_budget()?;
+        // Where nothing can be kept, pages are made again.
+        let file = || self.directory().and_then(nameless_file).ok();
+        let kept = self.kept.get_or_init(|| file().map(|file| Arc::new(MadeFile::new(file))));
+        MadePages::new(shape, what, self.page_bytes, kept.clone()).map(Some)
+    }
+
+    /// The directory of page files, made if it is not there.
+    fn directory(&self) -> io::Result<&Path> {
+        DirBuilder::new().recursive(true).mode(0o700).create(&self.directory)?;
+        Ok(&self.directory)
     }
 
     /// Whether it can hold the fewest pages that do.

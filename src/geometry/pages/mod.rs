@@ -1,5 +1,5 @@
-//! Meshes that do not stay: cut into pages on disk, which are resident while rays need them and memory lasts.
-//! A page holds its triangles, their tree and their attributes, and is used as it lies in memory, without parsing.
+//! Meshes that do not stay: cut into pages on disk, or made page by page, which are resident while rays need them and memory
+//! lasts. A page holds its triangles, their tree and their attributes, and is used as it lies in memory, without parsing.
 //!
 //! Invariant: a page's triangles are those of the mesh, bit for bit, so that the picture does not depend on what was
 //! resident. Never decides which meshes are paged: the loader does.
@@ -22,6 +22,7 @@ mod share;
 mod slots;
 mod sort;
 mod store;
+mod tessellate;
 #[cfg(test)]
 mod tests;
 
@@ -31,8 +32,9 @@ pub use store::{HeldPages, PageStore};
 
 pub use file::PagedMesh;
 
-pub(super) use file::PageFile;
+pub(super) use files::PageSource;
 pub(super) use make::{Made, PageMaker, Source};
+pub(super) use tessellate::{MadePages, Tessellated};
 
 /// Bytes of a page unless told otherwise: some 900 triangles, a read of 20 µs.
 pub const DEFAULT_PAGE_BYTES: usize = 64 << 10;

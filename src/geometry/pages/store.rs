@@ -4,8 +4,7 @@
 //! [`PageStore::take`] since.
 
 use super::cache::PageCache;
-use super::file::PageFile;
-use super::files::{PageFiles, least_page_budget};
+use super::files::{PageFiles, PageSource, least_page_budget};
 use super::format::read_triangle;
 use super::looks::Looks;
 use crate::accel::Pages;
@@ -42,7 +41,7 @@ impl PageStore {
     ///
     /// # Errors
     /// [`Error::Resource`] when there are more pages than names.
-    pub(crate) fn new(files: Vec<PageFile>, page_bytes: usize) -> Result<Self> {
+    pub(crate) fn new(files: Vec<PageSource>, page_bytes: usize) -> Result<Self> {
         Ok(Self { files: PageFiles::new(files, page_bytes)?, cache: OnceLock::new() })
     }
 
@@ -50,6 +49,12 @@ impl PageStore {
     #[must_use]
     pub fn all_bytes(&self) -> u64 {
         (self.files.pages() * self.files.page_bytes) as u64
+    }
+
+    /// Bytes of what pages are made of, which stays.
+    #[must_use]
+    pub fn control_bytes(&self) -> u64 {
+        self.files.control_bytes() as u64
     }
 
     /// Bytes of one page.

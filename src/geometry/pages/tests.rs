@@ -1,6 +1,7 @@
 //! Pages against the meshes that they were cut from.
 
 use super::file::PageFile;
+use super::files::PageSource;
 use super::format::{encode, is_whole, read_triangle};
 use super::make::{PageMaker, Source};
 use super::store::PageStore;
@@ -204,7 +205,7 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
     for page_bytes in [LEAST_PAGE_BYTES, 16 << 10, MOST_PAGE_BYTES] {
         let (paged, file) = made(folder.path(), &path, page_bytes);
         assert_eq!(paged.triangles, mesh.indices.len() as u64);
-        let store = PageStore::new(vec![file], page_bytes).expect("few pages");
+        let store = PageStore::new(vec![PageSource::File(file)], page_bytes).expect("few pages");
         let budget = store.least(1) + 2 * page_bytes as u64;
         store.open(budget, 1).expect("the least and more");
         // Beside a mesh that has a mask, which is no matter of theirs.
@@ -257,7 +258,7 @@ fn memory_comes_and_goes_while_pages_are_looked_at() {
     let page_bytes = LEAST_PAGE_BYTES;
     let (paged, file) = made(folder.path(), &path, page_bytes);
     let pages = paged.bounds.len() as u32;
-    let store = PageStore::new(vec![file], page_bytes).expect("few pages");
+    let store = PageStore::new(vec![PageSource::File(file)], page_bytes).expect("few pages");
     let all = 150 * (page_bytes as u64 + 256);
     store.open(all, 2).expect("the least and more");
     assert!(pages > 200 && !store.is_full(), "{pages}");
