@@ -6,7 +6,7 @@ use super::pages::{Made, MadePages, PageMaker, PageSource, PageStore, PagedMesh,
 use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Geometry, Hit, InstanceOf};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::Transform;
 use crate::prepare::is_visible;
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId};
@@ -69,8 +69,8 @@ pub fn load(
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SceneGeometry> {
     let Some(paging) = paging else { return load_with(scene, None, making, stop) };
+    let mut too_large = None;
     if let Some(expected) = paging.whole {
-        // What is wrong is said again where all comes and goes; what is too much as a whole may not be so there.
         match load_with(scene, None, making, stop) {
             Ok(geometry) => {
                 let primitives = geometry.primitive_count();
@@ -78,11 +78,13 @@ pub fn load(
                     return Ok(geometry);
                 }
             }
-            Err(Error::Interrupted) => return Err(Error::Interrupted),
-            Err(_) => {}
+            // What is too large as a whole may do in pages.
+            Err(e) if making.was_too_large() => too_large = Some(e),
+            Err(e) => return Err(e),
         }
     }
-    let mut maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget)?;
+    let maker = PageMaker::new(paging.cache_dir.as_deref(), paging.page_bytes, paging.budget);
+    let mut maker = maker.map_err(|e| too_large.unwrap_or(e))?;
     maker = maker.for_threads(paging.threads);
     if let Some(bytes) = paging.cut_in {
         maker = maker.within(bytes);

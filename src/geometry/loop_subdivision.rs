@@ -8,7 +8,7 @@
 
 mod parts;
 
-pub use parts::divide;
+pub use parts::{divide, most_faces};
 
 use crate::error::{Error, Result};
 use crate::math::Vec3;

@@ -178,7 +178,7 @@ mod tests {
     fn geometry(shape: &str) -> SceneGeometry {
         let scene = parse_str(&format!("WorldBegin\n{shape}\n"), Path::new("test.pbrt")).expect("a scene");
         let view = View::new(&scene.camera, (1, 1), 1.0);
-        let making = Making { view: &view, textures: None, room: None };
+        let making = Making::new(&view, None, None);
         load(&scene, None, &making, &|| false).expect("geometry")
     }
 

@@ -47,7 +47,7 @@ pub(super) fn load(
     let converting = |done, total| (control.progress)(Progress::Converting { done, total });
     let watch = Watch { cancel: control.cancel, progress: &converting };
     let shapes = |textures: Option<&Arc<Textures>>| {
-        let making = Making { view: &view, textures, room: plan.geometry_memory };
+        let making = Making::new(&view, textures, plan.geometry_memory);
         geometry::load(scene, paging.as_ref(), &making, &|| control.cancel.load(Ordering::Relaxed))
     };
     let images = || -> Result<(Arc<Textures>, Vec<EnvironmentMap>)> {

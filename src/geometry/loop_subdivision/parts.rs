@@ -52,6 +52,18 @@ pub fn divide(control: &TriangleMesh, levels: u32, most: u32) -> Result<InPieces
     Ok((Box::new(faces), pieces))
 }
 
+/// Most faces at one vertex of `control`.
+#[must_use]
+pub fn most_faces(control: &TriangleMesh) -> usize {
+    let mut counts = vec![0; control.positions.len()];
+    for &v in control.indices.iter().flatten() {
+        if let Some(count) = counts.get_mut(v as usize) {
+            *count += 1;
+        }
+    }
+    counts.into_iter().max().unwrap_or(0)
+}
+
 impl Faces {
     /// About where it is: on the control mesh.
     fn piece(&self, piece: u32) -> Piece {

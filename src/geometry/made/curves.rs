@@ -195,7 +195,7 @@ fn draw_one(strand: &Strand, rates: &Rates) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     let mut frame = None;
     for (segment, &pieces) in rates.drawn(strand) {
-        let run = Run { segment: segment as u32, from: 0, to: pieces, pieces, sides: rates.sides };
+        let run = Run::whole(segment, pieces, rates.sides);
         run.draw(strand, &mut frame, &mut mesh);
     }
     mesh
@@ -209,10 +209,18 @@ struct Run {
     to: u32,
     /// Of the whole segment.
     pieces: u32,
+    /// Of the tube, and those of them that are drawn: all, where there is more than one piece.
     sides: u32,
+    first_side: u32,
+    end_side: u32,
 }
 
 impl Run {
+    /// A segment.
+    fn whole(segment: usize, pieces: u32, sides: u32) -> Self {
+        Self { segment: segment as u32, from: 0, to: pieces, pieces, sides, first_side: 0, end_side: sides }
+    }
+
     /// The point before piece `i`, and the frame there. `frame` is what was before it, and then that.
     fn step(&self, strand: &Strand, i: u32, frame: &mut Option<Frame>) -> Frame {
         let points = strand.points[self.segment as usize].map(vector);
@@ -246,13 +254,13 @@ impl Run {
             if strand.kind == CurveKind::Ribbon {
                 ribbon(mesh, point, direction, half, u, normal(strand, segment, u));
             } else {
-                ring(mesh, point, direction, side, half, u, self.sides);
+                ring(mesh, [point, direction, side], half, u, self);
             }
         }
-        let row = self.sides + 1;
+        let row = self.end_side - self.first_side + 1;
         for i in self.from..self.to {
             let [closed, closes] = self.ends(strand, i);
-            for j in 0..self.sides {
+            for j in 0..self.end_side - self.first_side {
                 let a = first + (i - self.from) * row + j;
                 let (b, c, d) = (a + row, a + 1, a + row + 1);
                 if !closes {
@@ -272,7 +280,7 @@ impl Run {
 
     fn triangles(&self, strand: &Strand) -> u32 {
         let open = |i| self.ends(strand, i).iter().filter(|&&empty| !empty).count() as u32;
-        self.sides * (self.from..self.to).map(open).sum::<u32>()
+        (self.end_side - self.first_side) * (self.from..self.to).map(open).sum::<u32>()
     }
 }
 
@@ -299,13 +307,18 @@ pub(super) fn divide(
     check(&rates, strands, MOST)?;
     let of = |(strand, rates): (&Strand, &Rates)| {
         let each = (most / (2 * rates.sides)).max(1);
+        let strip = if 2 * rates.sides <= most { rates.sides } else { (most / 2).max(1) };
         let mut frame = None;
         let mut out: Vec<(Run, Option<Frame>)> = Vec::new();
         for (segment, &pieces) in rates.drawn(strand) {
-            let whole = Run { segment: segment as u32, from: 0, to: pieces, pieces, sides: rates.sides };
+            let whole = Run::whole(segment, pieces, rates.sides);
             for i in 0..=pieces {
                 if i.is_multiple_of(each) && i < pieces {
-                    out.push((Run { from: i, to: (i + each).min(pieces), ..whole }, frame));
+                    let run = Run { from: i, to: (i + each).min(pieces), ..whole };
+                    for first_side in (0..rates.sides).step_by(strip as usize) {
+                        let end_side = (first_side + strip).min(rates.sides);
+                        out.push((Run { first_side, end_side, ..run }, frame));
+                    }
                 }
                 whole.step(strand, i, &mut frame);
             }
@@ -326,6 +339,8 @@ pub(super) fn divide(
             pieces.push(Piece { triangles, centre: centre.as_vec3().to_array() });
         }
     }
+    runs.shrink_to_fit();
+    frames.shrink_to_fit();
     Ok((Box::new(Runs { strands: Arc::clone(strands), runs, frames }), pieces))
 }
 
@@ -353,14 +368,14 @@ fn push(mesh: &mut TriangleMesh, p: DVec3, n: DVec3, uv: [f64; 2]) {
     mesh.uvs.push(uv.map(|c| c as f32));
 }
 
-fn ring(mesh: &mut TriangleMesh, point: DVec3, direction: DVec3, side: DVec3, half: f64, u: f64, sides: u32) {
+fn ring(mesh: &mut TriangleMesh, [point, direction, side]: [DVec3; 3], half: f64, u: f64, run: &Run) {
     let other = side.cross(direction);
     // The mean width of a convex outline is its length over π.
-    let k = f64::from(sides);
+    let k = f64::from(run.sides);
     let radius = half * PI / (k * (PI / k).sin());
-    for j in 0..=sides {
+    for j in run.first_side..=run.end_side {
         // The seam of v is one place to the bit.
-        let (sin, cos) = (2.0 * PI * f64::from(j % sides) / k).sin_cos();
+        let (sin, cos) = (2.0 * PI * f64::from(j % run.sides) / k).sin_cos();
         let out = side * cos + other * sin;
         push(mesh, point + radius * out, out, [u, f64::from(j) / k]);
     }

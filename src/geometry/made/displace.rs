@@ -9,7 +9,7 @@ use super::rule::{Point, Rule};
 use super::seams::{self, Groups};
 use super::view::View;
 use super::{MadeMesh, Place};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::{DVec3, Transform};
 use crate::scene::{TextureId, TriangleMesh};
 use crate::texture::{TextureCoordinates, Textures};
@@ -43,15 +43,15 @@ pub(super) struct Displaced {
 }
 
 impl Displacement<'_> {
-    /// Of `base`; [`Error::Resource`] where it lacks what its texture reads, or where it would become more than `most` triangles.
+    /// Why `base` cannot be displaced, if it cannot.
+    pub(super) fn lack(&self, base: &TriangleMesh) -> Option<&'static str> {
+        (base.uvs.is_empty() && self.textures.reads_uv(self.texture)).then_some(
+            "the mesh has no texture coordinates, which its displacement reads; add them, or map the texture by position",
+        )
+    }
+
+    /// Of `base`, which has what it needs; [`Error::Resource`] where it would become more than `most` triangles.
     pub(super) fn of(&self, base: TriangleMesh, most: usize) -> Result<Displaced> {
-        if base.uvs.is_empty() && self.textures.reads_uv(self.texture) {
-            return Err(Error::Resource(
-                "the mesh has no texture coordinates, which its displacement reads; add them, or map the texture by \
-                 position"
-                    .to_owned(),
-            ));
-        }
         let TriangleMesh { positions, normals, uvs, indices: triangles, .. } = base;
         let rule = Rule::new(&positions, &triangles, &self.place, self.view, self.edge_length);
         // What cannot be is said before it is tried.

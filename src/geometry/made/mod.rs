@@ -23,26 +23,54 @@ use crate::prepare::{all_shapes, is_visible};
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 
 use crate::texture::Textures;
-use displace::Displacement;
+use displace::{Displaced, Displacement};
 use patches::Patches;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What makers are given.
-#[derive(Clone, Copy)]
 pub struct Making<'a> {
-    /// The camera.
-    pub view: &'a View,
-    /// For displacement; there where something is displaced.
-    pub textures: Option<&'a Arc<Textures>>,
-    /// Bytes that geometry may take, where there is a bound.
-    pub room: Option<u64>,
+    view: &'a View,
+    textures: Option<&'a Arc<Textures>>,
+    room: Option<u64>,
+    /// Something would have become too large, which is an error.
+    too_large: AtomicBool,
 }
 
 /// Bytes of a triangle that is made, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
 const TRIANGLE_BYTES: u64 = 80;
 
-impl Making<'_> {
-    /// Triangles that there is room for.
+/// Faces at a vertex of a Loop surface that is made part by part: each part at it takes all of them.
+const MOST_FACES: usize = 256;
+
+/// Triangles that are counted out however little memory there is, so that a refusal has a number.
+const ALWAYS_COUNTED: u64 = 1 << 22;
+
+impl<'a> Making<'a> {
+    /// For what `view` sees; `textures` are there where something is displaced, and geometry may take `room` bytes, where
+    /// there is a bound.
+    #[must_use]
+    pub fn new(view: &'a View, textures: Option<&'a Arc<Textures>>, room: Option<u64>) -> Self {
+        Self { view, textures, room, too_large: AtomicBool::new(false) }
+    }
+
+    /// Whether something has been refused for its size.
+    pub(super) fn was_too_large(&self) -> bool {
+        self.too_large.load(Ordering::Relaxed)
+    }
+
+    /// An error of `shape`, with its place.
+    fn placed(&self, e: Error, shape: &Shape) -> Error {
+        match e {
+            Error::Resource(what) => {
+                self.too_large.store(true, Ordering::Relaxed);
+                Error::at(&shape.at, what)
+            }
+            other => other,
+        }
+    }
+
+    /// Triangles that there is room for where all of them stay.
     fn most_triangles(&self) -> usize {
         let fits = self.room.map_or(u64::MAX, |room| room / TRIANGLE_BYTES);
         usize::try_from(fits).unwrap_or(usize::MAX).min(MAX_TRIANGLES)
@@ -72,10 +100,7 @@ pub(super) fn make(
     making: &Making<'_>,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<MadeMesh> {
-    let placed = |e: Error| match e {
-        Error::Resource(what) => Error::at(&shape.at, what),
-        other => other,
-    };
+    let placed = |e: Error| making.placed(e, shape);
     let place = Place { to_world: &shape.object_to_world, places };
     Ok(match source {
         MeshSource::Inline(mesh) => MadeMesh { mesh: TriangleMesh::clone(mesh), not_numbers: 0 },
@@ -91,20 +116,28 @@ pub(super) fn make(
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
             let most = making.most_triangles();
-            let moved = displacement(*texture, *edge_length, place, making).of(base, most);
-            moved.and_then(|moved| moved.whole(most, stop)).map_err(placed)?
+            let moved = displaced(base, *texture, *edge_length, place, shape, making, most)?;
+            moved.whole(most, stop).map_err(placed)?
         }
     })
 }
 
-fn displacement<'a>(
+/// `base`, to be divided into `most` triangles at most and moved.
+fn displaced(
+    base: TriangleMesh,
     texture: TextureId,
     edge_length: Option<f32>,
-    place: Place<'a>,
-    making: &'a Making<'a>,
-) -> Displacement<'a> {
+    place: Place<'_>,
+    shape: &Shape,
+    making: &Making<'_>,
+    most: usize,
+) -> Result<Displaced> {
     let textures = making.textures.expect("who loads a displaced mesh has its texture");
-    Displacement { texture, edge_length, textures, place, view: making.view }
+    let what = Displacement { texture, edge_length, textures, place, view: making.view };
+    match what.lack(&base) {
+        Some(lack) => Err(Error::at(&shape.at, lack)),
+        None => what.of(base, most).map_err(|e| making.placed(e, shape)),
+    }
 }
 
 /// The mesh that `shape` stands for in pieces of about `most` triangles; `None` where it is read, not made.
@@ -116,13 +149,13 @@ pub(super) fn in_pieces(
     most: u32,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Option<InPieces>> {
-    let placed = |e: Error| match e {
-        Error::Resource(what) => Error::at(&shape.at, what),
-        other => other,
-    };
+    let placed = |e: Error| making.placed(e, shape);
     let place = Place { to_world: &shape.object_to_world, places };
     let pieces = match source {
         MeshSource::Inline(_) | MeshSource::Ply(_) => return Ok(None),
+        MeshSource::Loop { control, .. } if super::loop_subdivision::most_faces(control) > MOST_FACES => {
+            return Ok(None);
+        }
         MeshSource::Loop { control, levels } => {
             let pieces = super::loop_subdivision::divide(control, *levels, most);
             pieces.map_err(|e| Error::at(&shape.at, e.to_string()))?
@@ -130,8 +163,11 @@ pub(super) fn in_pieces(
         MeshSource::Curves(strands) => curves::divide(strands, &place, making.view, most).map_err(placed)?,
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
-            let moved = displacement(*texture, *edge_length, place, making).of(base, patches::MOST as usize);
-            moved.and_then(|moved| Patches::divide(moved, most, stop)).map_err(placed)?
+            // Of each triangle a byte stays, and more: others are not counted out.
+            let room = making.room.map_or(u64::MAX, |room| room.max(ALWAYS_COUNTED));
+            let limit = room.min(patches::MOST) as usize;
+            let moved = displaced(base, *texture, *edge_length, place, shape, making, limit)?;
+            Patches::divide(moved, most, limit, stop).map_err(placed)?
         }
     };
     Ok(Some(pieces))

@@ -26,6 +26,8 @@ pub(super) const MOST: u64 = 1 << 30;
 const PARALLEL: u32 = 6;
 /// Vertices of a part and of what is around it, about.
 const USUAL: usize = 1024;
+/// So much is added around a part: many times the least number.
+const MARGIN: f32 = 1e-42;
 /// After so many levels it is asked whether to go on.
 const ASK: u32 = 4;
 /// The weight of a vertex of the base.
@@ -62,6 +64,13 @@ impl Node {
         Self { path: (self.path | (which as u64) << (62 - 2 * level)) + 1, ..self }
     }
 
+    /// Whether `other` is it, or comes of it.
+    fn holds(self, other: Self) -> bool {
+        let level = self.level();
+        let apart = (self.path ^ other.path).checked_shr(64 - 2 * level).unwrap_or(0);
+        self.triangle == other.triangle && level <= other.level() && apart == 0
+    }
+
     fn which(self, level: u32) -> usize {
         (self.path >> (62 - 2 * level)) as usize & 3
     }
@@ -78,6 +87,8 @@ pub(super) struct Patches {
     /// Versions of one vertex, and those that light does not tell apart.
     versions: Linked,
     smooth: Linked,
+    /// Triangles that have the vertices of one before them, and the first of these: they share what is inside.
+    same: Vec<(u32, u32)>,
     /// Edges of the base that are two: the other's ends in the order of the rising numbers of this one's.
     seams: Vec<([u32; 2], [u32; 2], bool)>,
     not_numbers: AtomicBool,
@@ -92,17 +103,26 @@ struct Found {
 
 impl Patches {
     /// `mesh` in pieces of `most` triangles at most.
-    pub(super) fn divide(mesh: Displaced, most: u32, stop: &(dyn Fn() -> bool + Sync)) -> Result<InPieces> {
+    ///
+    /// # Errors
+    /// [`Error::Resource`] when it becomes more than `limit` triangles.
+    pub(super) fn divide(
+        mesh: Displaced,
+        most: u32,
+        limit: usize,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<InPieces> {
         let counted = AtomicU64::new(0);
-        let look = Look { mesh: &mesh, most: most.into(), stop, counted: &counted };
+        let limit = limit.min(MOST as usize);
+        let look = Look { mesh: &mesh, most: most.into(), limit: limit as u64, stop, counted: &counted };
         let base = &mesh.base;
         let of = |(i, t): (usize, &[u32; 3])| look.all(Node::new(i as u32), t.map(|v| mesh.point(v)));
         let found: Vec<Vec<Found>> = base.triangles.par_iter().enumerate().map(of).collect();
         if stop() {
             return Err(Error::Interrupted);
         }
-        if counted.into_inner() > MOST {
-            return Err(too_many(None, MOST as usize));
+        if counted.into_inner() > limit as u64 {
+            return Err(too_many(None, limit));
         }
         let count = found.iter().map(Vec::len).sum();
         let (mut nodes, mut pieces) = (Vec::with_capacity(count), Vec::with_capacity(count));
@@ -129,7 +149,9 @@ impl Patches {
         seams.sort_unstable();
         let (starts, around) = around(&base.triangles, count, &versions);
         let not_numbers = AtomicBool::new(false);
-        let patches = Self { mesh, pieces: nodes, around, starts, versions, smooth, seams, not_numbers };
+        let same = same_vertices(&base.triangles);
+        let patches =
+            Self { mesh, pieces: nodes, same, around, starts, versions, smooth, seams, not_numbers };
         Ok((Box::new(patches), pieces))
     }
 
@@ -196,6 +218,22 @@ impl Patches {
     }
 }
 
+/// Triangles that have the vertices of one before them, and the first of these.
+fn same_vertices(triangles: &[[u32; 3]]) -> Vec<(u32, u32)> {
+    let sorted = |(i, t): (usize, &[u32; 3])| {
+        let mut t = *t;
+        t.sort_unstable();
+        (t, i as u32)
+    };
+    let mut all: Vec<([u32; 3], u32)> = triangles.iter().enumerate().map(sorted).collect();
+    all.par_sort_unstable();
+    let later =
+        |group: &[([u32; 3], u32)]| group[1..].iter().map(|of| (of.1, group[0].1)).collect::<Vec<_>>();
+    let mut same: Vec<(u32, u32)> = all.chunk_by(|a, b| a.0 == b.0).flat_map(later).collect();
+    same.sort_unstable();
+    same
+}
+
 /// Of each vertex that comes first of its versions, the triangles there: where they begin in the second list, and that.
 fn around(triangles: &[[u32; 3]], vertices: usize, versions: &Linked) -> (Vec<u32>, Vec<u32>) {
     let firsts = |t: &[u32; 3]| t.map(|v| versions.first(v) as usize);
@@ -237,6 +275,7 @@ fn children(mesh: &Displaced, corners: [Point; 3]) -> ([Point; 6], [[u32; 3]; 4]
 struct Look<'a> {
     mesh: &'a Displaced,
     most: u64,
+    limit: u64,
     stop: &'a (dyn Fn() -> bool + Sync),
     counted: &'a AtomicU64,
 }
@@ -255,7 +294,7 @@ impl Look<'_> {
     fn count(&self, node: Node, level: u32, corners: [Point; 3]) -> (u64, Vec<Found>) {
         let (six, four, n) = children(self.mesh, corners);
         // More are not looked for than can be named.
-        let enough = || (self.stop)() || self.counted.load(Ordering::Relaxed) > MOST;
+        let enough = || (self.stop)() || self.counted.load(Ordering::Relaxed) > self.limit;
         if n == 1 || level == DEEPEST || (level.is_multiple_of(ASK) && enough()) {
             return (1, Vec::new());
         }
@@ -296,9 +335,9 @@ impl Look<'_> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Key {
     kind: Kind,
-    /// Twice a vertex of the base; the ends of an edge, the smaller first; twice a triangle.
+    /// Twice a vertex of the base; the ends of an edge, the smaller first; twice the first triangle of its corners.
     ends: [u32; 2],
-    /// Of the ends; of the triangle's first two corners.
+    /// Of the ends; of the two corners of the smallest numbers.
     weights: [u64; 2],
 }
 
@@ -332,14 +371,19 @@ impl Key {
         }
     }
 
-    /// At `weights` of the `corners` of `triangle`, which is none of these.
-    fn of(triangle: u32, corners: [u32; 3], weights: [u64; 3]) -> Self {
+    /// At `weights` of the `corners` of a triangle, which is none of these; `first` is the first triangle of these corners.
+    fn of(first: u32, corners: [u32; 3], weights: [u64; 3]) -> Self {
         let [a, b, c] = corners;
         match weights {
             [wa, wb, 0] => Self::edge([a, b], [wa, wb]),
             [0, wb, wc] => Self::edge([b, c], [wb, wc]),
             [wa, 0, wc] => Self::edge([a, c], [wa, wc]),
-            [wa, wb, _] => Self { kind: Kind::Inside, ends: [triangle; 2], weights: [wa, wb] },
+            _ => {
+                let mut by_number = [0, 1, 2].map(|i| (corners[i], weights[i]));
+                by_number.sort_unstable();
+                let weights = [by_number[0].1, by_number[1].1];
+                Self { kind: Kind::Inside, ends: [first; 2], weights }
+            }
         }
     }
 }
@@ -401,17 +445,16 @@ impl PartMaker<'_> {
         let patches = self.of;
         let [a, b, c] = corners.map(|corner| self.point(corner).p);
         if name.is_none() {
-            if let Some((&next, rest)) = self.pieces.split_first()
-                && let (of, first) = patches.pieces[next as usize]
-                && of == node
-            {
-                self.pieces = rest;
+            let next = self.pieces.first().map(|&next| patches.pieces[next as usize]);
+            if let Some((_, first)) = next.filter(|(next, _)| *next == node) {
+                self.pieces = &self.pieces[1..];
                 self.visit(node, level, corners, Some(first));
                 return None;
             }
+            let holds = level <= Node::LEVELS && next.is_some_and(|(next, _)| node.holds(next));
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
             // What is no number is never beside anything.
-            if low.cmpgt(self.high).any() || high.cmplt(self.low).any() {
+            if !holds && (low.cmpgt(self.high).any() || high.cmplt(self.low).any()) {
                 return None;
             }
         }
@@ -443,7 +486,11 @@ impl PartMaker<'_> {
     /// The middle `p` of an edge.
     fn half_way(&mut self, triangle: u32, p: Vec3, [a, b]: [Corner; 2]) -> Corner {
         let weights = [0, 1, 2].map(|i| a.weights[i] / 2 + b.weights[i] / 2);
-        let key = Key::of(triangle, self.of.mesh.base.triangles[triangle as usize], weights);
+        let first = match self.of.same.binary_search_by_key(&triangle, |same| same.0) {
+            Ok(at) => self.of.same[at].1,
+            Err(_) => triangle,
+        };
+        let key = Key::of(first, self.of.mesh.base.triangles[triangle as usize], weights);
         let next = self.vertices.len() as u32;
         let vertex = *self.found.entry(key).or_insert(next);
         if vertex == next {
@@ -551,6 +598,8 @@ impl Parts for Patches {
         for p in nodes().flat_map(|node| self.corners(node)) {
             (low, high) = (low.min(p), high.max(p));
         }
+        // The middle of numbers without all their digits may be beside both.
+        let (low, high) = (low - Vec3::splat(MARGIN), high + Vec3::splat(MARGIN));
         let base = &self.mesh.base;
         let mut own: Vec<u32> = nodes().map(|node| node.triangle).collect();
         own.dedup();
@@ -559,7 +608,13 @@ impl Parts for Patches {
         firsts.sort_unstable();
         firsts.dedup();
         let ranges = firsts.iter().map(|&v| self.starts[v] as usize..self.starts[v + 1] as usize);
-        let mut triangles: Vec<u32> = ranges.flat_map(|range| &self.around[range]).copied().collect();
+        let near = |&triangle: &u32| {
+            let at = |v: u32| Vec3::from(base.positions[v as usize]);
+            let [a, b, c] = base.triangles[triangle as usize].map(at);
+            !(a.min(b).min(c).cmpgt(high).any() || a.max(b).max(c).cmplt(low).any())
+        };
+        let mut triangles: Vec<u32> =
+            ranges.flat_map(|range| &self.around[range]).copied().filter(near).chain(own).collect();
         triangles.sort_unstable();
         triangles.dedup();
         let mut maker = PartMaker {
@@ -579,6 +634,7 @@ impl Parts for Patches {
             });
             maker.visit(Node::new(triangle), 0, corners, None);
         }
+        assert!(maker.pieces.is_empty(), "a piece was not found where it was counted");
         maker.finish()
     }
 
@@ -588,6 +644,7 @@ impl Parts for Patches {
             + size_of_val(&self.around[..])
             + size_of_val(&self.starts[..])
             + size_of_val(&self.seams[..])
+            + size_of_val(&self.same[..])
             + self.versions.bytes()
             + self.smooth.bytes()
             + size_of_val(&base.positions[..])

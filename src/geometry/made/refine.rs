@@ -4,6 +4,7 @@
 //! both of its triangles divide it alike: there are no cracks, whatever the rates on either side. The result does not
 //! depend on the number of threads. Never moves what it divides.
 
+use super::patches::MOST;
 use super::rule::{self, WHOLE, cut, normal_between};
 use super::seams::Seam;
 use crate::error::{Error, Result};
@@ -167,7 +168,8 @@ fn in_order(levels: &[Level]) -> Vec<[u32; 3]> {
 /// More than `most`: `at_least`, if that is known.
 pub(super) fn too_many(at_least: Option<f64>, most: usize) -> Error {
     let wanted = at_least.map_or_else(String::new, |n| format!(" ({n:.0} at least)"));
-    let room = if most < MAX_TRIANGLES { ", as many as there is memory for" } else { "" };
+    let named = [MAX_TRIANGLES, MOST as usize].contains(&most);
+    let room = if named { "" } else { ", as many as there is memory for" };
     Error::Resource(format!(
         "its displacement makes more than {most} triangles{room}{wanted}; a longer edge, by \
          \"displacement.edgelength\" or --tessellation, makes fewer"

@@ -117,6 +117,7 @@ impl Linked {
     pub(super) fn new(vertices: usize, links: impl Iterator<Item = [u32; 2]>) -> Self {
         let mut members = Vec::new();
         Groups::new(vertices, links).each(|group| members.extend(group.iter().map(|&v| [group[0], v])));
+        members.shrink_to_fit();
         let mut firsts = Vec::new();
         if !members.is_empty() {
             firsts.extend(0..vertices as u32);

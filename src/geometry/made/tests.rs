@@ -458,12 +458,27 @@ fn a_displaced_mesh_in_parts_is_the_whole() {
         }
         soup.indices.push([0, 1, 2].map(|k| (3 * i + k) as u32));
     }
-    for base in [square(), globe, soup] {
+    // A sheet and its other side share all vertices, and so what is made between them.
+    let mut leaf = square();
+    leaf.normals = vec![[0.0, 0.0, 1.0]; 4];
+    leaf.indices.extend([[0, 2, 1], [3, 2, 0], [1, 0, 2]]);
+    // Numbers without all their digits have a middle beside them.
+    let mut small = square();
+    small.positions.iter_mut().for_each(|p| p[2] = if p[0] > 0.0 { 1.4e-45 } else { 4.2e-45 });
+    // Many triangles at one vertex, of all sizes.
+    let mut fan = TriangleMesh { positions: vec![[0.0; 3]], uvs: vec![[0.0; 2]], ..TriangleMesh::default() };
+    for i in 0..600u16 {
+        let angle = 2.0 * PI * f64::from(i) / 600.0;
+        fan.positions.push([angle.cos() as f32, angle.sin() as f32, 0.0]);
+        fan.uvs.push([f32::from(i) / 600.0, 1.0]);
+        fan.indices.push([0, u32::from(i) + 1, (u32::from(i) + 1) % 600 + 1]);
+    }
+    for base in [square(), globe, soup, leaf, small, fan] {
         let whole = displaced(base.clone(), slope(), None, &near);
         assert!(whole.indices.len() > 1000, "{}", whole.indices.len());
         for (most, at_once) in [(1, 40), (30, 1), (30, 9), (100_000, 3)] {
             let moved = displacement(&textures(slope()), None, &near, base.clone()).expect("sound");
-            let pieces = Patches::divide(moved, most, &|| false).expect("few");
+            let pieces = Patches::divide(moved, most, MAX_TRIANGLES, &|| false).expect("few");
             parts_are_the_whole(&whole, pieces, at_once);
         }
     }

@@ -10,7 +10,7 @@ use super::file::{self, PageFile, PagedMesh};
 use super::files::least_page_budget;
 use super::format::VERSION;
 use super::memory::CutMemory;
-use super::tessellate::{MadeFile, MadePages, Tessellated, triangles_in_a_piece};
+use super::tessellate::{MadeFile, MadePages, Tessellated, staying, triangles_in_a_piece};
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
 use crate::geometry::made::InPieces;
@@ -33,6 +33,9 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes that meshes are cut in at least, whatever the budget.
 const LEAST_MEMORY: u64 = 32 << 20;
+
+/// Of a triangle where all stays: its corners, half a vertex of 32 bytes, and 52 of its tree.
+const TRIANGLE_BYTES: u64 = 80;
 
 /// Makes page files of one size.
 pub(crate) struct PageMaker {
@@ -255,7 +258,7 @@ impl PageMaker {
         triangles_in_a_piece(self.page_bytes)
     }
 
-    /// The pages of a shape in pieces; `None` where it is too small for any.
+    /// The pages of a shape in pieces; `None` where it is too small for any, or what they are made of takes half of what they do.
     ///
     /// # Errors
     /// [`Error::Usage`] when the budget or a page is too small; [`Error::Interrupted`].
@@ -265,10 +268,17 @@ impl PageMaker {
         what: Tessellated<'_>,
     ) -> Result<Option<(PagedMesh, MadePages)>> {
         let triangles: u64 = shape.1.iter().map(|piece| u64::from(piece.triangles)).sum();
-        if triangles < LEAST_PAGED {
+        let stays = staying(&shape);
+        if triangles < LEAST_PAGED || 2 * stays > triangles * TRIANGLE_BYTES {
             return Ok(None);
         }
-        self.check_budget()?;
+        // Before anything is made: what it takes with no page at all.
+        check_page_budget(self.budget.saturating_sub(stays), self.page_bytes, self.threads).map_err(
+            |_| {
+                let least = stays + least_page_budget(self.page_bytes, self.threads);
+                too_small(self.budget, least, self.threads)
+            },
+        )?;
         // Where nothing can be kept, pages are made again.
         let file = || self.directory().and_then(nameless_file).ok();
         let kept = self.kept.get_or_init(|| file().map(|file| Arc::new(MadeFile::new(file))));
@@ -296,8 +306,12 @@ pub fn check_page_budget(budget: u64, page_bytes: usize, threads: usize) -> Resu
     if budget >= least {
         return Ok(());
     }
-    Err(Error::Usage(format!(
+    Err(too_small(budget, least, threads))
+}
+
+fn too_small(budget: u64, least: u64, threads: usize) -> Error {
+    Error::Usage(format!(
         "a geometry memory of {budget} bytes is too small: --geometry-memory {least} at least, beside what stays; \
          {threads} threads need two pages each"
-    )))
+    ))
 }

@@ -2,7 +2,7 @@
 //! only then are their boxes known, and kept in a file without a name; where there is no room for that, they are made again
 //! whenever they are needed.
 //!
-//! Invariant: a page's bytes follow from the shape and the size of pages alone, so that they are the same each time. Keeps what
+//! Invariant: a page's bytes follow from the shape, its texture and the size of pages alone, so that they are the same each time. Keeps what
 //! pages are made of in memory, never what comes of it. A page from the file is used only when its checksum is right.
 
 use super::file::PagedMesh;
@@ -106,6 +106,11 @@ pub(super) fn triangles_in_a_piece(page_bytes: usize) -> u32 {
     (triangles_in_a_page(page_bytes) / PIECES_A_PAGE).max(TRIANGLES_A_PIECE) as u32
 }
 
+/// Bytes that stay of a shape in pieces, at least.
+pub(super) fn staying((parts, pieces): &InPieces) -> u64 {
+    (parts.bytes() + pieces.len() * size_of::<u32>()) as u64
+}
+
 /// A piece while pages are looked for.
 #[derive(Clone, Copy)]
 struct Placed {
@@ -162,20 +167,26 @@ impl MadePages {
                 bounds.push(of);
             }
         }
+        made.pieces.shrink_to_fit();
+        made.starts.shrink_to_fit();
+        made.slots.shrink_to_fit();
+        bounds.shrink_to_fit();
         Ok((PagedMesh { first: 0, bounds, triangles }, made))
     }
 
     /// Triangles that nearly all pages have room for, by some of `groups`; `None` where all is in one.
     fn triangles_that_fit(&self, groups: &[Vec<u32>], pieces: &[Piece]) -> Option<u64> {
-        let apart = groups.len().div_ceil(SAMPLED);
-        let bytes = |group: &Vec<u32>| match self.page(group) {
-            Paged::Page((page, _)) => {
-                let triangles: u32 = group.iter().map(|&piece| pieces[piece as usize].triangles).sum();
-                page.len() as f64 / f64::from(triangles)
-            }
+        let triangles =
+            |group: &Vec<u32>| group.iter().map(|&piece| pieces[piece as usize].triangles).sum::<u32>();
+        // What a page takes whatever is in it counts in those that are nearly empty.
+        let full = triangles_in_a_page(self.page_bytes) as u32 / 2;
+        let full: Vec<&Vec<u32>> = groups.iter().filter(|group| triangles(group) >= full).collect();
+        let bytes = |group: &&Vec<u32>| match self.page(group) {
+            Paged::Page((page, _)) => page.len() as f64 / f64::from(triangles(group)),
             Paged::Nothing | Paged::TooMany => 0.0,
         };
-        let most = groups.par_iter().step_by(apart.max(1)).map(bytes).reduce(|| 0.0, f64::max);
+        let apart = full.len().div_ceil(SAMPLED).max(1);
+        let most = full.par_iter().step_by(apart).map(bytes).reduce(|| 0.0, f64::max);
         let fits = (self.page_bytes as f64 / most) as u64;
         (groups.len() > 1 && most > 0.0).then(|| fits.clamp(1, MAX_TRIANGLES as u64))
     }
@@ -257,12 +268,15 @@ impl MadePages {
 
     fn make(&self, page: u32, out: &mut [u8]) {
         let [start, end] = [page, page + 1].map(|i| self.starts[i as usize] as usize);
-        let Paged::Page((bytes, _)) = self.page(&self.pieces[start..end]) else {
-            unreachable!("it was a page when its box was found, and is made alike")
-        };
-        let (page, rest) = out.split_at_mut(bytes.len());
-        page.copy_from_slice(&bytes);
-        rest.fill(0);
+        match self.page(&self.pieces[start..end]) {
+            Paged::Page((bytes, _)) if bytes.len() <= out.len() => {
+                let (page, rest) = out.split_at_mut(bytes.len());
+                page.copy_from_slice(&bytes);
+                rest.fill(0);
+            }
+            // A texture that has become unreadable, which is said elsewhere, moves it otherwise: a page without nodes.
+            _ => out.fill(0),
+        }
     }
 }
 

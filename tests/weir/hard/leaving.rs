@@ -63,7 +63,7 @@ pub(super) fn geometry(text: &str) -> SceneGeometry {
     let frame = Frame { size: (1, 1), spp: 1, max_depth: 1 };
     let scene = scene(&(head("Camera \"orthographic\"", frame) + text));
     let view = View::new(&scene.camera, (1, 1), 1.0);
-    load(&scene, None, &Making { view: &view, textures: None, room: None }, &|| false).expect("a good scene")
+    load(&scene, None, &Making::new(&view, None, None), &|| false).expect("a good scene")
 }
 
 /// A loaded scene, traced.
