@@ -17,6 +17,7 @@ pub use parts::{InPieces, Part, Parts, Piece};
 pub use refine::MAX_TRIANGLES;
 pub use view::{DEFAULT_EDGE_PIXELS, View};
 
+use super::loop_subdivision::most_faces;
 use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::prepare::{all_shapes, is_visible};
@@ -40,8 +41,9 @@ pub struct Making<'a> {
 /// Bytes of a triangle that is made, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
 const TRIANGLE_BYTES: u64 = 80;
 
-/// Faces at a vertex of a Loop surface that is made part by part: each part at it takes all of them.
-const MOST_FACES: usize = 256;
+/// Most triangles at a vertex of what is made part by part, since each part there takes all of them: of a Loop surface at
+/// every level, of a displaced mesh as far as they are near.
+const MOST_AT_A_VERTEX: [usize; 2] = [256, 1024];
 
 /// Triangles that are counted out however little memory there is, so that a refusal has a number.
 const ALWAYS_COUNTED: u64 = 1 << 22;
@@ -153,7 +155,7 @@ pub(super) fn in_pieces(
     let place = Place { to_world: &shape.object_to_world, places };
     let pieces = match source {
         MeshSource::Inline(_) | MeshSource::Ply(_) => return Ok(None),
-        MeshSource::Loop { control, .. } if super::loop_subdivision::most_faces(control) > MOST_FACES => {
+        MeshSource::Loop { control, .. } if most_faces(control) > MOST_AT_A_VERTEX[0] => {
             return Ok(None);
         }
         MeshSource::Loop { control, levels } => {
@@ -163,6 +165,9 @@ pub(super) fn in_pieces(
         MeshSource::Curves(strands) => curves::divide(strands, &place, making.view, most).map_err(placed)?,
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
+            if most_faces(&base) > MOST_AT_A_VERTEX[1] {
+                return Ok(None);
+            }
             // Of each triangle a byte stays, and more: others are not counted out.
             let room = making.room.map_or(u64::MAX, |room| room.max(ALWAYS_COUNTED));
             let limit = room.min(patches::MOST) as usize;
