@@ -109,6 +109,15 @@ pub fn enter(room: Room) -> Room {
     })
 }
 
+/// Runs `work` in `room`, and is where it was before afterwards.
+#[inline]
+pub fn within<R>(room: Room, work: impl FnOnce() -> R) -> R {
+    let before = enter(room);
+    let result = work();
+    enter(before);
+    result
+}
+
 impl Clock {
     /// Books the time from `since` to now, which it returns.
     #[inline(never)]

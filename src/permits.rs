@@ -5,7 +5,7 @@
 //! nobody reads what may have to come from a disk while holding a lock: who lends gets its permit back only when another
 //! gives one up, and that one may be waiting for the lock.
 
-use crate::clock::{Room, enter};
+use crate::clock::{Room, enter, within};
 use std::cell::RefCell;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -50,9 +50,7 @@ impl Permits {
                 }
             }
         }
-        let before = enter(Room::Turn);
-        self.take();
-        enter(before);
+        within(Room::Turn, || self.take());
         HELD.set(Some(Arc::clone(self)));
         let _back = Back;
         work()
@@ -62,8 +60,7 @@ impl Permits {
 /// Lends this thread's permit, if it has one, while `wait` runs, whose time counts in `room`.
 #[inline]
 pub fn lend<R>(room: Room, wait: impl FnOnce() -> R) -> R {
-    let before = enter(room);
-    let result = match HELD.take() {
+    within(room, || match HELD.take() {
         None => wait(),
         Some(permits) => {
             permits.give();
@@ -73,9 +70,7 @@ pub fn lend<R>(room: Room, wait: impl FnOnce() -> R) -> R {
             HELD.set(Some(permits));
             result
         }
-    };
-    enter(before);
-    result
+    })
 }
 
 /// Locks `mutex`, whatever has become of who held it. For data that are whole before anything that may panic, and for those

@@ -2,13 +2,13 @@
 //! order the acceleration structure will know them by.
 
 use super::made::{self, Making};
-use super::pages::{Made, MadePages, PageMaker, PageSource, PageStore, PagedMesh, Source, Tessellated};
+use super::pages::{Made, PageMaker, PageSource, PageStore, Source, Tessellated};
 use super::place::{place_mesh, place_normals};
 use super::{Mesh, Patches, PlacedInstance, Quadric, Surface, SurfaceShape};
 use crate::accel::{Geometry, Hit, InstanceOf};
 use crate::error::Result;
 use crate::math::Transform;
-use crate::prepare::is_visible;
+use crate::prepare::{has_to_stay, is_visible};
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -167,102 +167,81 @@ fn surface(
 ) -> Result<Loaded> {
     let to_world = &shape.object_to_world;
     let flip = shape.reverse_orientation ^ to_world.swaps_handedness();
-    let (mut file, mut note) = (None, None);
-    let kind = match &shape.kind {
+    let (kind, file, note) = match &shape.kind {
         ShapeKind::Mesh(id) => {
-            // What lights are sampled on, and what masks are read on, has to be at hand.
-            let stays = shape.area_light.is_some() || shape.alpha.is_some();
-            let source = match &scene.meshes[id.index()] {
-                MeshSource::Ply(path) if !stays => {
-                    Some(Source { path, to_world, reverse: shape.reverse_orientation })
-                }
-                _ => None,
-            };
-            let paged = maker.zip(source);
-            // Named before it is read: what is read may be newer, never older.
-            let paged = match paged {
-                Some((maker, source)) => Some((maker, maker.name(&source)?, source)),
-                None => None,
-            };
-            if let Some((mesh, pages)) = paged.as_ref().and_then(|(maker, named, _)| maker.find(named)) {
-                return Ok((
-                    described(shape, flip, SurfaceShape::Paged(mesh)),
-                    Some(PageSource::File(pages)),
-                    None,
-                ));
-            }
-            if let Some(maker) = maker.filter(|_| !stays)
-                && let Some((mesh, pages)) =
-                    tessellate(&scene.meshes[id.index()], shape, places, maker, making, stop)?
-            {
-                let note = pages.not_numbers().then(|| not_numbers(shape, "values"));
-                let surface = described(shape, flip, SurfaceShape::Paged(mesh));
-                return Ok((surface, Some(PageSource::Made(Box::new(pages))), note));
-            }
-            let made = match paged {
-                Some((maker, named, source)) => Some(maker.make(&source, &named, stop)?),
-                None => None,
-            };
-            match made {
-                Some(Made::Pages(mesh, pages)) => {
-                    file = Some(PageSource::File(pages));
-                    SurfaceShape::Paged(mesh)
-                }
-                Some(Made::Stays(mesh)) => SurfaceShape::Mesh(mesh),
-                None => {
-                    let made = made::make(&scene.meshes[id.index()], shape, places, making, stop)?;
-                    let count = made.not_numbers;
-                    note = (count > 0).then(|| not_numbers(shape, &format!("{count} values")));
-                    SurfaceShape::Mesh(place_mesh(made.mesh, to_world, shape.reverse_orientation))
-                }
-            }
+            let maker = maker.filter(|_| !has_to_stay(shape));
+            mesh(&scene.meshes[id.index()], shape, places, maker, making, stop)?
         }
         ShapeKind::Patches(id) => {
             let p = &scene.patch_meshes[id.index()];
-            SurfaceShape::Patches(Patches {
+            let patches = Patches {
                 positions: p.positions.iter().map(|&v| to_world.point(v.into()).to_array()).collect(),
                 normals: place_normals(p.normals.clone(), to_world, shape.reverse_orientation),
                 uvs: p.uvs.clone(),
                 indices: p.indices.clone(),
-            })
+            };
+            (SurfaceShape::Patches(patches), None, None)
         }
-        quadric => SurfaceShape::Quadric(
-            Quadric::new(quadric, *to_world).expect("shapes that are neither mesh nor patches are quadrics"),
-        ),
+        kind => {
+            let quadric = Quadric::new(kind, *to_world);
+            let quadric = quadric.expect("shapes that are neither mesh nor patches are quadrics");
+            (SurfaceShape::Quadric(quadric), None, None)
+        }
     };
-    Ok((described(shape, flip, kind), file, note))
-}
-
-/// What a person should know of a displacement.
-fn not_numbers(shape: &Shape, values: &str) -> String {
-    format!("{}: {values} of its displacement are no numbers; 0 stands in", shape.at)
-}
-
-/// The pages of what is made; `None` where it is read, or small.
-fn tessellate(
-    source: &MeshSource,
-    shape: &Shape,
-    places: &[Transform],
-    maker: &PageMaker,
-    making: &Making<'_>,
-    stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Option<(PagedMesh, MadePages)>> {
-    let pieces = made::in_pieces(source, shape, places, making, maker.piece_triangles(), stop)?;
-    let Some(pieces) = pieces else { return Ok(None) };
-    let to_world = &shape.object_to_world;
-    let (name, reverse) = (shape.at.to_string(), shape.reverse_orientation);
-    maker.tessellate(pieces, Tessellated { name, to_world, reverse, stop })
-}
-
-fn described(shape: &Shape, flip_normal: bool, kind: SurfaceShape) -> Surface {
-    Surface {
+    let surface = Surface {
         shape: kind,
         material: shape.material,
-        flip_normal,
+        flip_normal: flip,
         area_light: shape.area_light,
         alpha: shape.alpha,
         medium: shape.medium,
+    };
+    Ok((surface, file, note))
+}
+
+/// A mesh as it is or in pages, which `maker` makes, where they are then, and what a person should know of it.
+fn mesh(
+    source: &MeshSource,
+    shape: &Shape,
+    places: &[Transform],
+    maker: Option<&PageMaker>,
+    making: &Making<'_>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(SurfaceShape, Option<PageSource>, Option<String>)> {
+    let (to_world, reverse) = (&shape.object_to_world, shape.reverse_orientation);
+    let not_numbers =
+        |values: &str| format!("{}: {values} of its displacement are no numbers; 0 stands in", shape.at);
+    match (maker, source) {
+        (Some(maker), MeshSource::Ply(path)) => {
+            let source = Source { path, to_world, reverse };
+            // Named before it is read: what is read may be newer, never older.
+            let named = maker.name(&source)?;
+            let made = match maker.find(&named) {
+                Some((mesh, file)) => Made::Pages(mesh, file),
+                None => maker.make(&source, &named, stop)?,
+            };
+            return Ok(match made {
+                Made::Pages(mesh, file) => (SurfaceShape::Paged(mesh), Some(PageSource::File(file)), None),
+                Made::Stays(mesh) => (SurfaceShape::Mesh(mesh), None, None),
+            });
+        }
+        (Some(maker), _) => {
+            let pieces = made::in_pieces(source, shape, places, making, maker.piece_triangles(), stop)?;
+            let what = Tessellated { name: shape.at.to_string(), to_world, reverse, stop };
+            if let Some(pieces) = pieces
+                && let Some((mesh, pages)) = maker.tessellate(pieces, what)?
+            {
+                let note = pages.not_numbers().then(|| not_numbers("values"));
+                let pages = PageSource::Made(Box::new(pages));
+                return Ok((SurfaceShape::Paged(mesh), Some(pages), note));
+            }
+        }
+        (None, _) => {}
     }
+    let made = made::make(source, shape, places, making, stop)?;
+    let count = made.not_numbers;
+    let note = (count > 0).then(|| not_numbers(&format!("{count} values")));
+    Ok((SurfaceShape::Mesh(place_mesh(made.mesh, to_world, reverse)), None, note))
 }
 
 impl SceneGeometry {

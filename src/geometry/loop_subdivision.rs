@@ -8,7 +8,7 @@
 
 mod parts;
 
-pub use parts::{divide, most_faces};
+pub use parts::divide;
 
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -196,6 +196,13 @@ impl Surface {
     }
 
     fn refine(&self) -> Self {
+        let mut fine = self.divided();
+        fine.find_first();
+        fine
+    }
+
+    /// Refined, before rings are found.
+    fn divided(&self) -> Self {
         let mut ring = Vec::new();
         let old = self.positions.len();
         let mut positions = Vec::with_capacity(old + self.corners.len() / 2 + 1);
@@ -241,9 +248,7 @@ impl Surface {
             corners.extend((0..3).map(|k| middle[(3 * t + k) as usize]));
             twins.extend((0..3).map(|k| corner_child(3 * t + (k + 1) % 3) + 1));
         }
-        let mut fine = Self { positions, corners, twins, first: Vec::new(), boundary: Vec::new() };
-        fine.find_first();
-        fine
+        Self { positions, corners, twins, first: Vec::new(), boundary: Vec::new() }
     }
 
     fn limit(&self) -> TriangleMesh {

@@ -9,7 +9,7 @@
 
 use super::kernel::Kernel;
 use super::path::Wave;
-use crate::clock::{Room, enter};
+use crate::clock::{Room, within};
 use crate::color::Rgb;
 use crate::permits::lock;
 use crate::schedule::{Meter, Piece, WORDS};
@@ -172,12 +172,12 @@ impl Units<'_> {
     }
 
     fn finish<K: Kernel>(&self, name: u32, unit: Unit, film: &dyn Film<K>, counters: &mut Counters) {
-        let before = enter(Room::Film);
-        let sums = || unit.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
-        let radiance: Vec<Rgb> = sums().take(unit.samples).map(|sums| sums.met + sums.direct).collect();
-        let weights: Vec<f32> = sums().take(unit.samples).map(|sums| sums.weight).collect();
-        film.finish(name, &radiance, &weights, counters);
-        self.meter.give(unit.pieces);
-        enter(before);
+        within(Room::Film, || {
+            let sums = || unit.pieces.iter().flat_map(|piece| bytemuck::cast_slice::<u32, Sums>(&piece[..]));
+            let radiance: Vec<Rgb> = sums().take(unit.samples).map(|sums| sums.met + sums.direct).collect();
+            let weights: Vec<f32> = sums().take(unit.samples).map(|sums| sums.weight).collect();
+            film.finish(name, &radiance, &weights, counters);
+            self.meter.give(unit.pieces);
+        });
     }
 }

@@ -140,11 +140,15 @@ pub fn geometry_bytes(
     all
 }
 
+/// Whether all of `shape` is at hand, whatever the memory: lights are sampled on it, or a mask is read.
+#[must_use]
+pub fn has_to_stay(shape: &Shape) -> bool {
+    shape.area_light.is_some() || shape.alpha.is_some()
+}
+
 fn is_pageable(shape: &Shape, source: &MeshSource, triangles: u64) -> bool {
-    // What lights are sampled on, and what masks are read on, has to be at hand; what the scene's file says is there anyway.
-    let stays =
-        shape.area_light.is_some() || shape.alpha.is_some() || matches!(source, MeshSource::Inline(_));
-    !stays && triangles >= LEAST_PAGED
+    // What the scene's file says is there anyway.
+    !has_to_stay(shape) && !matches!(source, MeshSource::Inline(_)) && triangles >= LEAST_PAGED
 }
 
 /// Of what a shape is made of, page by page, beside the scene's description; a displaced mesh's base is not known here.

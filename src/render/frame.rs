@@ -11,7 +11,7 @@ use super::load::open_pages;
 use super::plan::looking_up;
 use super::rounds::{Rounds, samples_asked};
 use super::stage::{Stage, effective_film, emitters_only, pool};
-use super::stream::{Queued, RayRoom, Waiting, check_ray_memory};
+use super::stream::{Queued, RayRoom, Waiting, check_rays};
 use super::{Control, Outcome, Progress};
 use crate::accel::{Accel, Builder, Pages};
 use crate::error::{Error, Result};
@@ -167,7 +167,7 @@ impl Frames<'_, '_> {
         };
         let ray_memory = plan.ray_memory;
         if waiting.is_some() {
-            check_ray_memory(ray_memory, threads, settings)?;
+            check_rays(ray_memory, threads, settings)?;
         }
         let job = Job {
             world,

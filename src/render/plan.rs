@@ -4,7 +4,7 @@
 //! Never loads vertices or texels.
 
 use super::stage::{effective_film, threads_of};
-use super::stream::{DEFAULT_RAY_MEMORY, check_ray_memory, least_ray_memory, spills, workers};
+use super::stream::{DEFAULT_RAY_MEMORY, check_rays, least_ray_memory, spills, workers};
 use crate::error::Result;
 use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
 use crate::geometry::pages::{
@@ -91,7 +91,7 @@ pub fn plan(scene: &SceneDescription, settings: &RenderSettings) -> Result<PlanS
         check_page_budget(budget, page_bytes(settings), looking_up(&plan, threads))?;
     }
     if plan.schedule != Schedule::Depth && (sure || settings.schedule == plan.schedule) {
-        check_ray_memory(plan.ray_memory, threads, settings)?;
+        check_rays(plan.ray_memory, threads, settings)?;
     }
     Ok(plan.stats)
 }

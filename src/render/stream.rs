@@ -152,11 +152,11 @@ pub(super) fn least_ray_memory(threads: usize, spills: bool) -> u64 {
     (unit_bytes::<General>() + hands) as u64 * 4 / 3
 }
 
-/// Holds a memory for rays against [`least_ray_memory`].
+/// Holds a memory for rays against [`least_ray_memory`], and their file against its least.
 ///
 /// # Errors
 /// [`Error::Usage`] when it is too small.
-pub(super) fn check_ray_memory(bytes: u64, threads: usize, settings: &RenderSettings) -> Result<()> {
+pub(super) fn check_rays(bytes: u64, threads: usize, settings: &RenderSettings) -> Result<()> {
     let least = least_ray_memory(threads, spills(settings));
     if let Some(disk @ 1..Spill::LEAST_BYTES) = settings.ray_disk {
         let least = Spill::LEAST_BYTES;

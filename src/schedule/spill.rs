@@ -85,6 +85,11 @@ impl Tables {
     }
 }
 
+/// Whole extents of a file of `bytes` bytes.
+fn extents_in(bytes: u64) -> usize {
+    usize::try_from(bytes / EXTENT_BYTES as u64).unwrap_or(usize::MAX)
+}
+
 impl Spill {
     /// Bytes of the smallest file.
     pub const LEAST_BYTES: u64 = EXTENT_BYTES as u64;
@@ -95,15 +100,14 @@ impl Spill {
         let an_extent = EXTENT_PIECES * size_of::<Run>() + BYTES_AN_EXTENT;
         // As many runs as have names.
         let most = NO_RUN as usize * size_of::<Run>();
-        usize::try_from(bytes / EXTENT_BYTES as u64).unwrap_or(usize::MAX).saturating_mul(an_extent).min(most)
+        extents_in(bytes).saturating_mul(an_extent).min(most)
     }
 
     /// A file of at most `bytes` bytes in `directory`, made when it is needed; its tables take `table_bytes`, and what is
     /// written together at most `run_pieces`.
     #[must_use]
     pub fn new(directory: PathBuf, bytes: u64, table_bytes: usize, run_pieces: usize) -> Self {
-        let most = usize::try_from(bytes / EXTENT_BYTES as u64).unwrap_or(usize::MAX);
-        let most_extents = most.min(NO_RUN as usize).min(table_bytes / 4 / BYTES_AN_EXTENT);
+        let most_extents = extents_in(bytes).min(NO_RUN as usize).min(table_bytes / 4 / BYTES_AN_EXTENT);
         let spill = Self {
             directory,
             most_extents,

@@ -140,6 +140,9 @@ fn one_picture_with_any_threads_and_any_memory() {
     assert_eq!(bits(&one.image), bits(&tiled.image));
     let bounded = RenderSettings { geometry_memory: Some(200 << 20), ..settings.clone() };
     assert_eq!(bits(&one.image), bits(&render(&scene, &bounded).image));
+    let small = outcome(&scene, &RenderSettings { geometry_memory: Some(100_000), ..settings.clone() });
+    let Err(error) = small else { panic!("two pages a thread do not fit") };
+    assert!(error.exit_code() == 2 && error.to_string().contains("--geometry-memory"), "{error}");
     // Finer edges are another picture, and more triangles.
     let finer = render(&scene, &RenderSettings { tessellation: Some(0.5), ..settings });
     assert!(finer.stats.memory.all_geometry > 4 * one.stats.memory.all_geometry);

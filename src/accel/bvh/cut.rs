@@ -7,12 +7,12 @@ use super::primitives::{Reference, longest_axis};
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 
-/// The centre of a triangle's box, doubled, and what the triangle is called.
+/// Where a triangle or a few lie, and what they are called: of a triangle the centre of its box, doubled.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Centre {
     at: [f32; 3],
-    /// In its mesh.
+    /// In its mesh, or among those that are cut with it.
     pub name: u32,
 }
 
@@ -21,8 +21,14 @@ impl Centre {
     #[must_use]
     pub fn of(corners: [[f32; 3]; 3], name: u32) -> Option<Self> {
         let centre = Reference::triangle(corners, 0, name)?.centre();
+        Some(Self::at(centre.truncate().to_array(), name))
+    }
+
+    /// Of what is called `name` and lies about `at`.
+    #[must_use]
+    pub fn at(at: [f32; 3], name: u32) -> Self {
         // Zero has one sign, so that order is the order of numbers.
-        Some(Self { at: (centre + 0.0).truncate().to_array(), name })
+        Self { at: at.map(|c| c + 0.0), name }
     }
 
     /// Rises with the coordinate along `axis`, and then with the name. No two triangles of a mesh share one.

@@ -4,7 +4,7 @@
 
 use super::{NONE, Surface, check};
 use crate::error::Result;
-use crate::geometry::made::{InPieces, Part, Parts, Piece};
+use crate::geometry::made::{Around, InPieces, Part, Parts, Piece};
 use crate::math::Vec3;
 use crate::scene::TriangleMesh;
 use std::collections::HashMap;
@@ -15,9 +15,8 @@ struct Faces {
     levels: u32,
     /// Level of the pieces.
     level: u32,
-    /// Faces at each vertex of the control mesh: where they begin in the second list, and that.
-    starts: Vec<u32>,
-    around: Vec<u32>,
+    /// Of vertices of the control mesh.
+    around: Around,
 }
 
 /// Some faces of a level, and what each is called there.
@@ -33,35 +32,13 @@ struct Local {
 pub fn divide(control: &TriangleMesh, levels: u32, most: u32) -> Result<InPieces> {
     check(control, levels)?;
     let control = Surface::new(control)?;
-    let fits = |level: &u32| 4u64.pow(levels - level) <= u64::from(most.max(1));
+    let fits = |level: &u32| 4u64.saturating_pow(levels - level) <= u64::from(most.max(1));
     let level = (0..levels).find(fits).unwrap_or(levels);
     let count = control.corners.len() / 3;
-    let mut starts = vec![0; control.positions.len() + 1];
-    control.corners.iter().for_each(|&v| starts[v as usize + 1] += 1);
-    for i in 1..starts.len() {
-        starts[i] += starts[i - 1];
-    }
-    let mut ends = starts.clone();
-    let mut around = vec![0; control.corners.len()];
-    for (corner, &v) in control.corners.iter().enumerate() {
-        around[ends[v as usize] as usize] = corner as u32 / 3;
-        ends[v as usize] += 1;
-    }
-    let faces = Faces { control, levels, level, starts, around };
+    let around = Around::new(control.positions.len(), control.corners.iter().copied());
+    let faces = Faces { control, levels, level, around };
     let pieces = (0..(count as u32) << (2 * level)).map(|piece| faces.piece(piece)).collect();
     Ok((Box::new(faces), pieces))
-}
-
-/// Most faces at one vertex of `control`.
-#[must_use]
-pub fn most_faces(control: &TriangleMesh) -> usize {
-    let mut counts = vec![0; control.positions.len()];
-    for &v in control.indices.iter().flatten() {
-        if let Some(count) = counts.get_mut(v as usize) {
-            *count += 1;
-        }
-    }
-    counts.into_iter().max().unwrap_or(0)
 }
 
 impl Faces {
@@ -82,8 +59,7 @@ impl Faces {
     /// The faces of the control mesh that are in `faces`, which rise, or at a vertex of these.
     fn local(&self, faces: &[u32]) -> Local {
         let vertices = faces.iter().flat_map(|&f| &self.control.corners[3 * f as usize..3 * f as usize + 3]);
-        let range = |&v: &u32| self.starts[v as usize] as usize..self.starts[v as usize + 1] as usize;
-        let mut names: Vec<u32> = vertices.flat_map(|v| &self.around[range(v)]).copied().collect();
+        let mut names: Vec<u32> = vertices.flat_map(|&v| self.around.at(v)).copied().collect();
         names.sort_unstable();
         names.dedup();
         Local { surface: self.control.part(&names), names }
@@ -93,7 +69,7 @@ impl Faces {
 impl Local {
     /// Its faces divided, those of which are left that are `wanted` or at a vertex of one that is.
     fn refine(&self, wanted: impl Fn(u32) -> bool) -> Self {
-        let surface = self.surface.refine();
+        let surface = self.surface.divided();
         let name = |i: usize| 4 * self.names[i / 4] + i as u32 % 4;
         let mut marked = vec![false; surface.positions.len()];
         let faces = || surface.corners.chunks_exact(3).enumerate();
@@ -164,7 +140,6 @@ impl Parts for Faces {
             + size_of_val(&twins[..])
             + size_of_val(&first[..])
             + size_of_val(&boundary[..])
-            + size_of_val(&self.starts[..])
-            + size_of_val(&self.around[..])
+            + self.around.bytes()
     }
 }

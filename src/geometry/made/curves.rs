@@ -8,7 +8,7 @@
 //! segment, v around or across it, from 0 to 1. Never closes an end, as pbrt does not.
 
 use super::Place;
-use super::parts::{InPieces, Part, Parts, Piece};
+use super::parts::{InPieces, MOST_NAMES, Part, Parts, Piece};
 use super::refine::MAX_TRIANGLES;
 use super::view::{Seen, View, stretch};
 use crate::error::{Error, Result};
@@ -293,9 +293,6 @@ struct Runs {
     frames: Vec<Frame>,
 }
 
-/// Most triangles of curves that are made part by part: there are no more names.
-const MOST: u64 = 1 << 30;
-
 /// All `strands` in pieces of about `most` triangles.
 pub(super) fn divide(
     strands: &Arc<Vec<Strand>>,
@@ -304,7 +301,7 @@ pub(super) fn divide(
     most: u32,
 ) -> Result<InPieces> {
     let rates = all_rates(strands, place, view);
-    check(&rates, strands, MOST)?;
+    check(&rates, strands, MOST_NAMES)?;
     let of = |(strand, rates): (&Strand, &Rates)| {
         let each = (most / (2 * rates.sides)).max(1);
         let strip = if 2 * rates.sides <= most { rates.sides } else { (most / 2).max(1) };

@@ -4,6 +4,7 @@
 //! the number of threads. An edge's rate follows from its end points alone, and what is at one place before it is moved
 //! is at one place afterwards, so that nothing opens. Never asks for what a ray will need.
 
+mod around;
 mod curves;
 mod displace;
 mod parts;
@@ -13,18 +14,18 @@ mod rule;
 mod seams;
 mod view;
 
+pub use around::Around;
 pub use parts::{InPieces, Part, Parts, Piece};
 pub use refine::MAX_TRIANGLES;
 pub use view::{DEFAULT_EDGE_PIXELS, View};
 
-use super::loop_subdivision::most_faces;
 use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::prepare::{all_shapes, is_visible};
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
-
 use crate::texture::Textures;
 use displace::{Displaced, Displacement};
+use parts::MOST_NAMES;
 use patches::Patches;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -38,8 +39,8 @@ pub struct Making<'a> {
     too_large: AtomicBool,
 }
 
-/// Bytes of a triangle that is made, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
-const TRIANGLE_BYTES: u64 = 80;
+/// Bytes of a triangle that is made and stays, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
+pub(super) const TRIANGLE_BYTES: u64 = 80;
 
 /// Most triangles at a vertex of what is made part by part, since each part there takes all of them: of a Loop surface at
 /// every level, of a displaced mesh as far as they are near.
@@ -155,7 +156,7 @@ pub(super) fn in_pieces(
     let place = Place { to_world: &shape.object_to_world, places };
     let pieces = match source {
         MeshSource::Inline(_) | MeshSource::Ply(_) => return Ok(None),
-        MeshSource::Loop { control, .. } if most_faces(control) > MOST_AT_A_VERTEX[0] => {
+        MeshSource::Loop { control, .. } if most_at_a_vertex(control) > MOST_AT_A_VERTEX[0] => {
             return Ok(None);
         }
         MeshSource::Loop { control, levels } => {
@@ -165,17 +166,28 @@ pub(super) fn in_pieces(
         MeshSource::Curves(strands) => curves::divide(strands, &place, making.view, most).map_err(placed)?,
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
-            if most_faces(&base) > MOST_AT_A_VERTEX[1] {
+            if most_at_a_vertex(&base) > MOST_AT_A_VERTEX[1] {
                 return Ok(None);
             }
             // Of each triangle a byte stays, and more: others are not counted out.
-            let room = making.room.map_or(u64::MAX, |room| room.max(ALWAYS_COUNTED));
-            let limit = room.min(patches::MOST) as usize;
+            let room = making.room.map_or(MOST_NAMES, |room| room.clamp(ALWAYS_COUNTED, MOST_NAMES));
+            let limit = room as usize;
             let moved = displaced(base, *texture, *edge_length, place, shape, making, limit)?;
             Patches::divide(moved, most, limit, stop).map_err(placed)?
         }
     };
     Ok(Some(pieces))
+}
+
+/// Most triangles at one vertex of `mesh`.
+fn most_at_a_vertex(mesh: &TriangleMesh) -> usize {
+    let mut counts = vec![0; mesh.positions.len()];
+    for &v in mesh.indices.iter().flatten() {
+        if let Some(count) = counts.get_mut(v as usize) {
+            *count += 1;
+        }
+    }
+    counts.into_iter().max().unwrap_or(0)
 }
 
 /// Of each object of `scene`, and of the world last, the places where it stands.

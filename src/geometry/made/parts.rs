@@ -4,6 +4,9 @@
 
 use crate::scene::TriangleMesh;
 
+/// Most triangles of a shape that is made part by part: there are no more names.
+pub(super) const MOST_NAMES: u64 = 1 << 30;
+
 /// The least that is made by itself, and goes into one page.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {

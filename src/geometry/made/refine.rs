@@ -4,7 +4,7 @@
 //! both of its triangles divide it alike: there are no cracks, whatever the rates on either side. The result does not
 //! depend on the number of threads. Never moves what it divides.
 
-use super::patches::MOST;
+use super::parts::MOST_NAMES;
 use super::rule::{self, WHOLE, cut, normal_between};
 use super::seams::Seam;
 use crate::error::{Error, Result};
@@ -62,8 +62,7 @@ impl Refined {
             ready += parts.par_iter().filter(|&&n| n == 1).count();
             let at = |v: u32| Vec3::from(self.positions[v as usize]);
             let next = (0..active.len()).into_par_iter().filter(|&i| parts[i] > 1).flat_map_iter(|i| {
-                let mut four = [[WHOLE; 3]; 4];
-                let n = cut(active[i], [0, 1, 2].map(|k| middles[3 * i + k]), at, &mut four);
+                let (four, n) = cut(active[i], [0, 1, 2].map(|k| middles[3 * i + k]), at);
                 four.into_iter().take(n)
             });
             let next = next.collect();
@@ -168,7 +167,7 @@ fn in_order(levels: &[Level]) -> Vec<[u32; 3]> {
 /// More than `most`: `at_least`, if that is known.
 pub(super) fn too_many(at_least: Option<f64>, most: usize) -> Error {
     let wanted = at_least.map_or_else(String::new, |n| format!(" ({n:.0} at least)"));
-    let named = [MAX_TRIANGLES, MOST as usize].contains(&most);
+    let named = [MAX_TRIANGLES, MOST_NAMES as usize].contains(&most);
     let room = if named { "" } else { ", as many as there is memory for" };
     Error::Resource(format!(
         "its displacement makes more than {most} triangles{room}{wanted}; a longer edge, by \

@@ -75,6 +75,12 @@ impl Rule {
         (middle != p.p && middle != q.p && middle.is_finite() && self.divides(p, q)).then_some(middle)
     }
 
+    /// Where the edges of a triangle are divided, the one from its first corner to its second first.
+    #[inline]
+    pub(super) fn middles(&self, [a, b, c]: [&Point; 3]) -> [Option<Vec3>; 3] {
+        [(a, b), (b, c), (c, a)].map(|(p, q)| self.middle(p, q))
+    }
+
     fn divides(&self, p: &Point, q: &Point) -> bool {
         let length = p.spot.world.distance_squared(q.spot.world);
         length.is_finite()
@@ -106,13 +112,22 @@ pub(super) fn normal_between(a: Vec3, b: Vec3) -> Vec3 {
 /// No vertex in the middle of an edge.
 pub(super) const WHOLE: u32 = u32::MAX;
 
-/// A triangle by the vertices in the middle of its edges; how many there are. The order of what comes of it is that of the names of triangles.
+/// What a triangle becomes by the middles of its edges: of its corners, 0 to 2, and of these, 3 to 5; and how many there are.
+pub(super) fn split(corners: [Vec3; 3], middles: [Option<Vec3>; 3]) -> ([[u32; 3]; 4], usize) {
+    let [a, b, c] = corners;
+    let [d, e, f] = middles.map(|middle| middle.unwrap_or(Vec3::ZERO));
+    let at = [a, b, c, d, e, f];
+    let named = [3, 4, 5].map(|v| if middles[v - 3].is_some() { v as u32 } else { WHOLE });
+    cut([0, 1, 2], named, |v| at[v as usize])
+}
+
+/// A triangle by the vertices in the middle of its edges; how many there are. Their order is that of the names of triangles.
 pub(super) fn cut(
     [a, b, c]: [u32; 3],
     middles: [u32; 3],
     at: impl Fn(u32) -> Vec3,
-    out: &mut [[u32; 3]; 4],
-) -> usize {
+) -> ([[u32; 3]; 4], usize) {
+    let mut out = [[WHOLE; 3]; 4];
     let divided = middles.map(|m| m != WHOLE);
     // Turned so that the first edge is divided and the last is not, unless all are.
     let (t, m) = match divided {
@@ -121,9 +136,9 @@ pub(super) fn cut(
         _ => ([c, a, b], [middles[2], middles[0], middles[1]]),
     };
     let [a, b, c] = t;
-    match m.map(|m| m != WHOLE) {
+    let count = match m.map(|m| m != WHOLE) {
         [true, true, true] => {
-            *out = [[a, m[0], m[2]], [m[0], b, m[1]], [m[2], m[1], c], [m[0], m[1], m[2]]];
+            out = [[a, m[0], m[2]], [m[0], b, m[1]], [m[2], m[1], c], [m[0], m[1], m[2]]];
             4
         }
         [true, true, false] => {
@@ -147,5 +162,6 @@ pub(super) fn cut(
             out[0] = t;
             1
         }
-    }
+    };
+    (out, count)
 }

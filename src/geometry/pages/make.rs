@@ -13,7 +13,7 @@ use super::memory::CutMemory;
 use super::tessellate::{MadeFile, MadePages, Tessellated, staying, triangles_in_a_piece};
 use crate::error::{Error, Result};
 use crate::geometry::Mesh;
-use crate::geometry::made::InPieces;
+use crate::geometry::made::{InPieces, TRIANGLE_BYTES};
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
 use crate::prepare::LEAST_PAGED;
@@ -33,9 +33,6 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes that meshes are cut in at least, whatever the budget.
 const LEAST_MEMORY: u64 = 32 << 20;
-
-/// Of a triangle where all stays: its corners, half a vertex of 32 bytes, and 52 of its tree.
-const TRIANGLE_BYTES: u64 = 80;
 
 /// Makes page files of one size.
 pub(crate) struct PageMaker {
@@ -272,13 +269,11 @@ impl PageMaker {
         if triangles < LEAST_PAGED || 2 * stays > triangles * TRIANGLE_BYTES {
             return Ok(None);
         }
-        // Before anything is made: what it takes with no page at all.
-        check_page_budget(self.budget.saturating_sub(stays), self.page_bytes, self.threads).map_err(
-            |_| {
-                let least = stays + least_page_budget(self.page_bytes, self.threads);
-                too_small(self.budget, least, self.threads)
-            },
-        )?;
+        // Before anything is made.
+        let least = stays + least_page_budget(self.page_bytes, self.threads);
+        if self.budget < least {
+            return Err(too_small(self.budget, least, self.threads));
+        }
         // Where nothing can be kept, pages are made again.
         let file = || self.directory().and_then(nameless_file).ok();
         let kept = self.kept.get_or_init(|| file().map(|file| Arc::new(MadeFile::new(file))));

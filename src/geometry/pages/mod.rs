@@ -34,7 +34,7 @@ pub use file::PagedMesh;
 
 pub(super) use files::PageSource;
 pub(super) use make::{Made, PageMaker, Source};
-pub(super) use tessellate::{MadePages, Tessellated};
+pub(super) use tessellate::Tessellated;
 
 /// Bytes of a page unless told otherwise: some 900 triangles, a read of 20 µs.
 pub const DEFAULT_PAGE_BYTES: usize = 64 << 10;

@@ -7,14 +7,13 @@
 
 use super::file::PagedMesh;
 use super::format::{Page, encode, is_whole};
-use crate::accel::bvh::{Centre, MAX_TRIANGLES};
-use crate::clock::{Room, enter};
+use crate::accel::bvh::{Centre, MAX_TRIANGLES, Spread, left_of};
+use crate::clock::{Room, within};
 use crate::error::{Error, Result};
 use crate::geometry::made::{InPieces, Parts, Piece};
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
 use crate::permits;
-use glam::Vec3;
 use rayon::prelude::*;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -113,10 +112,10 @@ pub(super) fn staying((parts, pieces): &InPieces) -> u64 {
 
 /// A piece while pages are looked for.
 #[derive(Clone, Copy)]
-struct Placed {
-    centre: Vec3,
+struct Lying {
+    /// By the name of the piece.
+    centre: Centre,
     triangles: u32,
-    name: u32,
 }
 
 impl MadePages {
@@ -129,13 +128,12 @@ impl MadePages {
     ) -> Result<(PagedMesh, Self)> {
         let (parts, pieces) = shape;
         let triangles = pieces.iter().map(|p| u64::from(p.triangles)).sum();
-        let place = |(name, piece): (usize, &Piece)| Placed {
-            centre: what.to_world.point(piece.centre.into()),
+        let place = |(name, piece): (usize, &Piece)| Lying {
+            centre: Centre::at(what.to_world.point(piece.centre.into()).to_array(), name as u32),
             triangles: piece.triangles,
-            name: name as u32,
         };
         let some = |(_, piece): &(usize, &Piece)| piece.triangles > 0;
-        let mut placed: Vec<Placed> = pieces.iter().enumerate().filter(some).map(place).collect();
+        let mut placed: Vec<Lying> = pieces.iter().enumerate().filter(some).map(place).collect();
         let mut made = Self {
             parts,
             pieces: Vec::new(),
@@ -147,7 +145,7 @@ impl MadePages {
             page_bytes,
             name: PathBuf::from(what.name),
         };
-        let about = group(&mut placed, triangles_in_a_page(page_bytes) as u64);
+        let about = group(&mut placed, triangles_in_a_page(page_bytes));
         let groups = match made.triangles_that_fit(&about, &pieces) {
             Some(most) => group(&mut placed, most),
             None => about,
@@ -175,7 +173,7 @@ impl MadePages {
     }
 
     /// Triangles that nearly all pages have room for, by some of `groups`; `None` where all is in one.
-    fn triangles_that_fit(&self, groups: &[Vec<u32>], pieces: &[Piece]) -> Option<u64> {
+    fn triangles_that_fit(&self, groups: &[Vec<u32>], pieces: &[Piece]) -> Option<usize> {
         let triangles =
             |group: &Vec<u32>| group.iter().map(|&piece| pieces[piece as usize].triangles).sum::<u32>();
         // What a page takes whatever is in it counts in those that are nearly empty.
@@ -187,8 +185,8 @@ impl MadePages {
         };
         let apart = full.len().div_ceil(SAMPLED).max(1);
         let most = full.par_iter().step_by(apart).map(bytes).reduce(|| 0.0, f64::max);
-        let fits = (self.page_bytes as f64 / most) as u64;
-        (groups.len() > 1 && most > 0.0).then(|| fits.clamp(1, MAX_TRIANGLES as u64))
+        let fits = (self.page_bytes as f64 / most) as usize;
+        (groups.len() > 1 && most > 0.0).then(|| fits.clamp(1, MAX_TRIANGLES))
     }
 
     /// Pieces as one page, or as several where one is too long; those that no ray can hit are none.
@@ -260,9 +258,7 @@ impl MadePages {
         {
             return out.len() as u64;
         }
-        let before = enter(Room::MakeGeometry);
-        self.make(page, out);
-        enter(before);
+        within(Room::MakeGeometry, || self.make(page, out));
         0
     }
 
@@ -293,23 +289,19 @@ enum Paged {
 type Boxed = (Vec<u32>, [[f32; 3]; 2], u32);
 
 /// Pieces that lie close together, of `most` triangles in all at most where one alone has no more; names rise in each group.
-fn group(pieces: &mut [Placed], most: u64) -> Vec<Vec<u32>> {
+fn group(pieces: &mut [Lying], most: usize) -> Vec<Vec<u32>> {
     let total: u64 = pieces.iter().map(|p| u64::from(p.triangles)).sum();
-    if total <= most || pieces.len() < 2 {
-        let mut names: Vec<u32> = pieces.iter().map(|p| p.name).collect();
+    let Some(goal) = left_of(total, most).filter(|_| pieces.len() > 1) else {
+        let mut names: Vec<u32> = pieces.iter().map(|p| p.centre.name).collect();
         names.sort_unstable();
         return if names.is_empty() { Vec::new() } else { vec![names] };
-    }
-    let (low, high) = pieces
-        .iter()
-        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p.centre), hi.max(p.centre)));
-    let size = high - low;
-    let axis = (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b])).expect("three axes");
-    pieces.sort_unstable_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]).then(a.name.cmp(&b.name)));
-    // A whole number of full pages to the left.
-    let goal = total.div_ceil(most) / 2 * most;
+    };
+    let mut spread = Spread::NONE;
+    pieces.iter().for_each(|p| spread.add(&p.centre));
+    let axis = spread.axis();
+    pieces.sort_unstable_by_key(|p| p.centre.key(axis));
     let mut sum = 0;
-    let fits = |p: &&Placed| {
+    let fits = |p: &&Lying| {
         sum += u64::from(p.triangles);
         sum <= goal
     };
