@@ -110,8 +110,8 @@ pub enum Geometry<'a> {
     Pages {
         /// Name of the first page, passed to [`Pages::visit`]; the others follow.
         first: u32,
-        /// Boxes of the pages.
-        bounds: &'a [[[f32; 3]; 2]],
+        /// Where their triangles are.
+        outlines: &'a [bvh::Outline],
     },
 }
 

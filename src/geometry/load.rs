@@ -129,7 +129,7 @@ fn load_with(
             notes.extend(note);
             if let SurfaceShape::Paged(mesh) = &mut surface.shape {
                 mesh.first = first;
-                first += mesh.bounds.len() as u32;
+                first += mesh.outlines.len() as u32;
             }
             files.extend(file);
             surface
@@ -254,7 +254,7 @@ impl SceneGeometry {
             .iter()
             .map(|s| match &s.shape {
                 SurfaceShape::Mesh(m) => m.bytes(),
-                SurfaceShape::Paged(m) => size_of_val(&m.bounds[..]),
+                SurfaceShape::Paged(m) => size_of_val(&m.outlines[..]),
                 SurfaceShape::Patches(p) => {
                     12 * (p.positions.len() + p.normals.len()) + 8 * p.uvs.len() + 16 * p.indices.len()
                 }
@@ -295,7 +295,7 @@ impl SceneGeometry {
                         indices: &m.indices,
                         alpha: s.alpha.map(|_| user),
                     },
-                    SurfaceShape::Paged(m) => Geometry::Pages { first: m.first, bounds: &m.bounds },
+                    SurfaceShape::Paged(m) => Geometry::Pages { first: m.first, outlines: &m.outlines },
                     SurfaceShape::Patches(p) => Geometry::Custom {
                         count: u32::try_from(p.indices.len()).expect("primitives are counted in u32"),
                         user,

@@ -7,13 +7,13 @@
 mod custom;
 mod flat;
 mod load;
-pub mod loop_subdivision;
 pub mod made;
 pub mod pages;
 mod patch;
 mod place;
 mod point;
 mod quadric;
+pub mod subdivision;
 mod tangents;
 
 pub use flat::Surfaces;

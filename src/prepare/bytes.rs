@@ -5,7 +5,7 @@
 
 use super::{all_shapes, is_visible};
 use crate::scene::ply::MeshFacts;
-use crate::scene::{Film, MeshSource, SceneDescription, Shape, ShapeKind, Strand, TriangleMesh};
+use crate::scene::{Cage, Film, MeshSource, SceneDescription, Shape, ShapeKind, Strand, TriangleMesh};
 use crate::settings::{Backend, RenderSettings};
 
 /// Triangles from which on a mesh is cut into pages: those of smaller ones would be mostly empty.
@@ -22,7 +22,7 @@ pub struct GeometryBytes {
     pub building: u64,
     /// Likewise where large meshes come and go.
     pub building_staying: u64,
-    /// What stays where large meshes come and go: the others, boxes of pages and what finds them.
+    /// What stays where large meshes come and go: the others, outlines of pages and what finds them.
     pub staying: u64,
     /// All pages.
     pub pages: u64,
@@ -74,8 +74,8 @@ const PAGE_TRIANGLE: f64 = 68.0;
 const SHARED_VERTICES: f64 = 1.2;
 /// Of a page: its head, and what the next leaf had no room in; 4.8 MB of pages of 4 KiB are 5.3 MB for it.
 const PAGE_UNUSED: u64 = 400;
-/// Of a page that is away: its box, and what finds it.
-const PAGE_STAYS: u64 = 24 + 32 + 64;
+/// Of a page that is away: its outline, and what finds it.
+const PAGE_STAYS: u64 = 120 + 8 + 32 + 64;
 /// Of a triangle in a page that is made: its share of a piece.
 const MADE_STAYS: u64 = 2;
 /// Of a segment of a curve.
@@ -155,8 +155,12 @@ fn is_pageable(shape: &Shape, source: &MeshSource, triangles: u64) -> bool {
 fn control_bytes(source: &MeshSource, facts: &MeshFacts) -> u64 {
     match source {
         MeshSource::Inline(_) | MeshSource::Ply(_) => 0,
-        MeshSource::Loop { control, .. } => {
+        MeshSource::Subdivision { cage: Cage::Loop(control), .. } => {
             25 * control.positions.len() as u64 + 36 * control.indices.len() as u64
+        }
+        // It is kept refined once.
+        MeshSource::Subdivision { cage: cage @ Cage::CatmullClark(control), .. } => {
+            25 * cage.vertices(1) + 48 * control.corners.len() as u64
         }
         MeshSource::Displaced { .. } => facts.triangles * MADE_STAYS,
         // A segment has a run at least.
@@ -183,14 +187,13 @@ fn mesh_facts(source: &MeshSource, header: Option<&MeshFacts>) -> MeshFacts {
             triangles: mesh.indices.len() as u64,
             exact: true,
         },
-        MeshSource::Loop { control, levels } => {
-            // Each level makes four triangles of one, and a vertex of each edge; a closed mesh has half as many
-            // vertices as triangles. Limit normals come with the points.
-            let before = control.indices.len() as u64;
-            let triangles = before.saturating_mul(4u64.saturating_pow(*levels));
-            let vertices = control.positions.len() as u64 + (triangles - before) / 2;
-            MeshFacts { vertices, vertex_bytes: 24, triangles, exact: true }
-        }
+        // Limit normals come with the points.
+        MeshSource::Subdivision { cage, levels } => MeshFacts {
+            vertices: cage.vertices(*levels),
+            vertex_bytes: 24,
+            triangles: cage.triangles(*levels),
+            exact: true,
+        },
     }
 }
 
@@ -244,8 +247,11 @@ pub fn light_bytes(scene: &SceneDescription, environments: u64, shining: u64) ->
 /// What a mesh takes before it is loaded.
 fn source_bytes(mesh: &MeshSource) -> u64 {
     let own = match mesh {
-        MeshSource::Inline(mesh) | MeshSource::Loop { control: mesh, .. } => {
+        MeshSource::Inline(mesh) | MeshSource::Subdivision { cage: Cage::Loop(mesh), .. } => {
             columns(mesh) + 12 * mesh.indices.len() as u64
+        }
+        MeshSource::Subdivision { cage: Cage::CatmullClark(mesh), .. } => {
+            (12 * mesh.positions.len() + 4 * (mesh.corners.len() + mesh.ends.len())) as u64
         }
         MeshSource::Ply(path) => path.as_os_str().len() as u64,
         MeshSource::Displaced { base, .. } => source_bytes(base),

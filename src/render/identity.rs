@@ -195,7 +195,7 @@ fn file_of(mesh: &MeshSource) -> Option<&Path> {
     match mesh {
         MeshSource::Ply(path) => Some(path),
         MeshSource::Displaced { base, .. } => file_of(base),
-        MeshSource::Inline(_) | MeshSource::Loop { .. } | MeshSource::Curves(_) => None,
+        MeshSource::Inline(_) | MeshSource::Subdivision { .. } | MeshSource::Curves(_) => None,
     }
 }
 

@@ -100,7 +100,9 @@ fn mesh_header(mesh: &MeshSource) -> Result<MeshFacts> {
     match mesh {
         MeshSource::Ply(path) => survey(path),
         MeshSource::Displaced { base, .. } => mesh_header(base),
-        MeshSource::Inline(_) | MeshSource::Loop { .. } | MeshSource::Curves(_) => Ok(MeshFacts::default()),
+        MeshSource::Inline(_) | MeshSource::Subdivision { .. } | MeshSource::Curves(_) => {
+            Ok(MeshFacts::default())
+        }
     }
 }
 

@@ -41,6 +41,67 @@ pub struct PatchMesh {
     pub indices: Vec<[u32; 4]>,
 }
 
+/// Faces of any number of corners.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PolygonMesh {
+    /// Vertex positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Corners of one face after the other, each below `positions.len()`.
+    pub corners: Vec<u32>,
+    /// Where the corners of each face end.
+    pub ends: Vec<u32>,
+}
+
+impl PolygonMesh {
+    /// The corners of each face.
+    pub fn faces(&self) -> impl Iterator<Item = &[u32]> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(&self.ends).map(|(start, &end)| &self.corners[start as usize..end as usize])
+    }
+}
+
+/// The control mesh of a subdivision surface, and by which scheme it is refined.
+#[derive(Clone, Debug)]
+pub enum Cage {
+    /// Loop's, of triangles.
+    Loop(Arc<TriangleMesh>),
+    /// Catmull and Clark's, of polygons; refined once at least.
+    CatmullClark(Arc<PolygonMesh>),
+}
+
+impl Cage {
+    /// Triangles after `levels` of refinement, as far as numbers go.
+    #[must_use]
+    pub fn triangles(&self, levels: u32) -> u64 {
+        match self {
+            Self::Loop(mesh) => (mesh.indices.len() as u64).saturating_mul(4u64.saturating_pow(levels)),
+            // First a quadrangle at each corner.
+            Self::CatmullClark(mesh) => {
+                let quads = 4u64.saturating_pow(levels.saturating_sub(1));
+                (2 * mesh.corners.len() as u64).saturating_mul(quads)
+            }
+        }
+    }
+
+    /// Vertices after `levels` of refinement of a closed surface, about.
+    #[must_use]
+    pub fn vertices(&self, levels: u32) -> u64 {
+        let triangles = self.triangles(levels);
+        match self {
+            // A vertex of each edge; a closed mesh has half as many vertices as triangles.
+            Self::Loop(mesh) => {
+                mesh.positions.len() as u64 + triangles.saturating_sub(mesh.indices.len() as u64) / 2
+            }
+            // First one of each face and of each edge, of which two corners are; then as many as quadrangles.
+            Self::CatmullClark(mesh) => {
+                let corners = mesh.corners.len() as u64;
+                let first = (mesh.positions.len() + mesh.ends.len()) as u64 + corners / 2;
+                first + (triangles / 2).saturating_sub(corners)
+            }
+        }
+    }
+}
+
 /// Where a mesh comes from; loaded when the plan asks for it.
 #[derive(Clone, Debug)]
 pub enum MeshSource {
@@ -48,10 +109,10 @@ pub enum MeshSource {
     Inline(Arc<TriangleMesh>),
     /// A PLY file (triangles; quads and polygons become triangles).
     Ply(PathBuf),
-    /// Loop subdivision of a control mesh.
-    Loop {
+    /// A subdivision surface.
+    Subdivision {
         /// Control mesh.
-        control: Arc<TriangleMesh>,
+        cage: Cage,
         /// Levels of refinement.
         levels: u32,
     },

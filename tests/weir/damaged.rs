@@ -263,7 +263,9 @@ fn damaged_pbrt_files() {
                 AreaLightSource \"diffuse\" \"blackbody L\" [ 4000 ]\nShape \"sphere\" \"float radius\" 2\nAttributeEnd\n\
                 ObjectBegin \"o\"\nShape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"integer indices\" [ 0 1 2 ]\nObjectEnd\n\
                 ObjectInstance \"o\"\nTransform [ 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1 ]\nMaterial \"conductor\" \"spectrum eta\" \"metal-Cu-eta\"\n\
-                Shape \"loopsubdiv\" \"integer levels\" 1 \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"integer indices\" [ 0 1 2 ]\n";
+                Shape \"loopsubdiv\" \"integer levels\" 1 \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"integer indices\" [ 0 1 2 ]\n\
+                Shape \"catmullclark\" \"integer levels\" 1 \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"integer indices\" [ 0 1 2 ] \
+                \"integer facevertexcounts\" [ 3 ]\n";
     fuzz("a.pbrt", text.as_bytes(), 2000, read_pbrt);
     let mut zipped = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
     std::io::Write::write_all(&mut zipped, text.as_bytes()).expect("memory");

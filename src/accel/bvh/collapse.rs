@@ -54,11 +54,12 @@ fn half_area(node: &Node) -> f32 {
     x * y + y * z + z * x
 }
 
-fn emit(nodes: &[Node], root: usize, wide: &mut Vec<Wide>) -> usize {
-    let mut children = [0usize; WIDTH];
+/// Up to `MOST` nodes that together are `root`, the largest of which is opened while there is room, and how many.
+pub(super) fn open<const MOST: usize>(nodes: &[Node], root: usize) -> ([usize; MOST], usize) {
+    let mut children = [0usize; MOST];
     children[0] = root;
     let mut count = 1;
-    while count < WIDTH {
+    while count < MOST {
         let inner = (0..count).filter(|&i| nodes[children[i]].count() == 0);
         let Some(largest) =
             inner.max_by(|&a, &b| half_area(&nodes[children[a]]).total_cmp(&half_area(&nodes[children[b]])))
@@ -70,6 +71,11 @@ fn emit(nodes: &[Node], root: usize, wide: &mut Vec<Wide>) -> usize {
         children[count] = nodes[at].next as usize;
         count += 1;
     }
+    (children, count)
+}
+
+fn emit(nodes: &[Node], root: usize, wide: &mut Vec<Wide>) -> usize {
+    let (mut children, count) = open::<WIDTH>(nodes, root);
     // Rays that ask for any hit take the first that they meet: the largest, which is the likeliest.
     children[..count].sort_by(|&a, &b| half_area(&nodes[b]).total_cmp(&half_area(&nodes[a])));
     let place = wide.len();

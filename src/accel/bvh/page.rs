@@ -7,6 +7,7 @@
 
 use super::build::{BuildSettings, build};
 use super::collapse::{into_blocks, widen};
+use super::outline::Outline;
 use super::primitives::Reference;
 use super::tree::{Block, LANES, Wide};
 use crate::accel::{Geometry, NONE};
@@ -107,8 +108,8 @@ impl<'p> PageView<'p> {
 pub struct PageTree {
     nodes: Vec<Wide>,
     blocks: Vec<Block>,
-    /// The box of all triangles, as trees of pages know it.
-    pub bounds: [[f32; 3]; 2],
+    /// Where its triangles are, as trees of pages know it.
+    pub outline: Outline,
 }
 
 impl PageTree {
@@ -125,9 +126,7 @@ impl PageTree {
         let mut nodes = build(&mut references, BuildSettings::TRIANGLES);
         let geometry = [Geometry::Triangles { positions, indices, alpha: None }];
         let blocks = into_blocks(&mut nodes, &references, &geometry).elements().to_vec();
-        let bounds =
-            nodes.first().map_or([[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]], |root| [root.lo, root.hi]);
-        Self { nodes: widen(&nodes), blocks, bounds }
+        Self { nodes: widen(&nodes), blocks, outline: Outline::new(&nodes) }
     }
 
     /// Its bytes, with `free` in its head.

@@ -8,6 +8,7 @@ use super::collapse::into_blocks;
 use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle, Triangles};
 use super::memory::Frozen;
 use super::nodes::{Fma, Form, Nodes, traverse_wide};
+use super::outline::Parts;
 use super::page::PageView;
 use super::part::Part;
 use super::plain::prefetch;
@@ -29,8 +30,8 @@ pub(super) struct Object<'a> {
     others: Nodes,
     /// What the leaves of `others` are runs of.
     pub(super) order: Vec<Reference>,
-    /// Pages: geometry and name, by what references call their primitive.
-    pages: Vec<(u32, u32)>,
+    /// By what references call their primitive.
+    pages: Vec<Away>,
     /// Names of the pages of each geometry that has some.
     named: Vec<Range<u32>>,
     lo: Vec3,
@@ -44,6 +45,14 @@ pub(super) const PAGE: u32 = NONE - 1;
 
 /// Lines of a page that every look reads: its head and its first node.
 const PAGE_HEAD_LINES: usize = 5;
+
+/// What is known of a page without looking into it.
+#[derive(Clone, Copy)]
+struct Away {
+    geometry: u32,
+    page: u32,
+    parts: Parts,
+}
 
 /// An object placed in the world.
 struct Placed {
@@ -198,7 +207,23 @@ impl<'a> BvhScene<'a> {
         found
     }
 
-    /// Looks into the page `r`, if the ray enters its box nearer than the best hit.
+    /// Geometry and name of the page `r`, and who has it, if the ray enters one of its parts within `t_max`.
+    #[inline(always)]
+    fn worth_a_look(
+        &self,
+        object: &Object<'_>,
+        r: &Reference,
+        query: &Query,
+        t_max: f32,
+    ) -> Option<(&'a dyn Pages, (u32, u32))> {
+        let (lo, hi) = r.corners();
+        let away = &object.pages[r.primitive as usize];
+        prefetch(away, size_of::<Away>().div_ceil(64));
+        let meets = away.parts.meet(lo, hi, self.fma, query, t_max);
+        self.pages.filter(|_| meets).map(|pages| (pages, (away.geometry, away.page)))
+    }
+
+    /// Looks into the page `r`, if the ray enters it nearer than the best hit.
     #[inline(never)]
     pub(super) fn nearest_in_page<const COUNT: bool>(
         &self,
@@ -206,10 +231,7 @@ impl<'a> BvhScene<'a> {
         r: &Reference,
     ) {
         let NearestOther { object, instance, ray, query, best, work, .. } = leaves;
-        let (lo, hi) = r.corners();
-        let (near, far) = query.inside(lo, hi, best.hit.t);
-        let Some(pages) = self.pages.filter(|_| near <= far) else { return };
-        let page = object.pages[r.primitive as usize];
+        let Some((pages, page)) = self.worth_a_look(object, r, query, best.hit.t) else { return };
         pages.visit(page.1, &mut |bytes| {
             prefetch(bytes.as_ptr(), PAGE_HEAD_LINES);
             let view = PageView::new(bytes);
@@ -230,11 +252,8 @@ impl<'a> BvhScene<'a> {
         t_max: f32,
     ) -> bool {
         let AnyOther { object, ray, query, work, .. } = leaves;
-        let (lo, hi) = r.corners();
-        let (near, far) = query.inside(lo, hi, t_max);
-        let Some(pages) = self.pages.filter(|_| near <= far) else { return false };
+        let Some((pages, page)) = self.worth_a_look(object, r, query, t_max) else { return false };
         let mut found = false;
-        let page = object.pages[r.primitive as usize];
         pages.visit(page.1, &mut |bytes| {
             prefetch(bytes.as_ptr(), PAGE_HEAD_LINES);
             let view = PageView::new(bytes);
@@ -285,12 +304,12 @@ impl<'a> Object<'a> {
         let (mut pages, mut named) = (Vec::new(), Vec::new());
         for (name, g) in geometry.iter().enumerate() {
             let name = u32::try_from(name).expect("geometries are counted in u32");
-            if let Geometry::Pages { first, bounds } = *g {
-                named.push(first..first + bounds.len() as u32);
-                order.extend(bounds.iter().zip(0u32..).filter_map(|(&[lo, hi], i)| {
+            if let Geometry::Pages { first, outlines } = *g {
+                named.push(first..first + outlines.len() as u32);
+                order.extend(outlines.iter().zip(0u32..).filter_map(|(outline, i)| {
                     let primitive = u32::try_from(pages.len()).ok()?;
-                    pages.push((name, first + i));
-                    Reference::new(lo, hi, PAGE, primitive)
+                    pages.push(Away { geometry: name, page: first + i, parts: outline.parts });
+                    Reference::new(outline.lo, outline.hi, PAGE, primitive)
                 }));
             }
             let Geometry::Custom { count, user, .. } = *g else { continue };
@@ -333,7 +352,11 @@ impl<'a> Object<'a> {
     }
 
     fn bytes(&self) -> usize {
-        self.triangles.bytes() + self.others.bytes() + self.blocks.bytes() + size_of_val(&self.order[..])
+        self.triangles.bytes()
+            + self.others.bytes()
+            + self.blocks.bytes()
+            + size_of_val(&self.order[..])
+            + size_of_val(&self.pages[..])
     }
 
     #[inline(always)]
@@ -403,7 +426,7 @@ impl Accel for BvhScene<'_> {
             let mut add = |pages| boxes.push(PageBox { lo: lo.into(), hi: hi.into(), pages });
             match r.geometry {
                 PAGE => {
-                    let (_, page) = self.world.pages[r.primitive as usize];
+                    let page = self.world.pages[r.primitive as usize].page;
                     add(page..page + 1);
                 }
                 INSTANCE => {

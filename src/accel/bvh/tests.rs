@@ -1,5 +1,6 @@
 //! The hierarchy against every triangle in turn, its forms against each other, and rays that break things.
 
+use super::outline::Outline;
 use super::query::{Best, Query};
 use super::tree::Block;
 use super::triangle::intersect;
@@ -342,18 +343,19 @@ fn nothing_is_never_hit() {
 #[test]
 fn an_instance_has_the_pages_of_its_object() {
     // Of two meshes that lie in one another, so that their pages take turns in the tree.
-    let row = |from: f32| -> Vec<[[f32; 3]; 2]> {
-        (0..40u8).map(|i| f32::from(i) * 2.0 + from).map(|x| [[x, 0.0, 0.0], [x + 0.5, 1.0, 1.0]]).collect()
+    let row = |from: f32| -> Vec<Outline> {
+        let places = (0..40u8).map(|i| f32::from(i) * 2.0 + from);
+        places.map(|x| Outline::whole([[x, 0.0, 0.0], [x + 0.5, 1.0, 1.0]])).collect()
     };
     let (even, odd) = (row(0.0), row(1.0));
     let object = vec![
-        Geometry::Pages { first: 7, bounds: &even },
-        Geometry::Pages { first: 7 + even.len() as u32, bounds: &odd },
+        Geometry::Pages { first: 7, outlines: &even },
+        Geometry::Pages { first: 7 + even.len() as u32, outlines: &odd },
     ];
     let spheres = Spheres { radius: 1.0 };
     let place =
         InstanceOf { object: 0, transform: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 3.0, 0.0, 0.0] };
-    let world = [Geometry::Pages { first: 0, bounds: &even[..7] }];
+    let world = [Geometry::Pages { first: 0, outlines: &even[..7] }];
     let scene = BvhScene::new(&world, &[object], &[place], &spheres, None, Form::best()).expect("few");
     let mut names: Vec<u32> = scene.pages().into_iter().flat_map(|b| b.pages).collect();
     names.sort_unstable();

@@ -109,11 +109,7 @@ fn triangles(scene: &SceneDescription) -> String {
         match mesh {
             MeshSource::Curves(_) | MeshSource::Displaced { .. } => made += 1,
             MeshSource::Inline(mesh) => known += mesh.indices.len() as u64,
-            MeshSource::Loop { control, levels } => {
-                // Each level makes four of one.
-                let factor = 4u64.checked_pow(*levels).unwrap_or(u64::MAX);
-                known = known.saturating_add(factor.saturating_mul(control.indices.len() as u64));
-            }
+            MeshSource::Subdivision { cage, levels } => known = known.saturating_add(cage.triangles(*levels)),
             MeshSource::Ply(path) => {
                 files += 1;
                 match face_count(path) {

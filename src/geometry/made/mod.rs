@@ -14,11 +14,12 @@ mod rule;
 mod seams;
 mod view;
 
-pub use around::Around;
+pub use around::{Around, most_at_a_vertex};
 pub use parts::{InPieces, Part, Parts, Piece};
 pub use refine::MAX_TRIANGLES;
 pub use view::{DEFAULT_EDGE_PIXELS, View};
 
+use super::subdivision;
 use crate::error::{Error, Result};
 use crate::math::Transform;
 use crate::prepare::{all_shapes, is_visible};
@@ -42,8 +43,8 @@ pub struct Making<'a> {
 /// Bytes of a triangle that is made and stays, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
 pub(super) const TRIANGLE_BYTES: u64 = 80;
 
-/// Most triangles at a vertex of what is made part by part, since each part there takes all of them: of a Loop surface at
-/// every level, of a displaced mesh as far as they are near.
+/// Most faces at a vertex of what is made part by part, since each part there takes all of them: of a subdivision surface
+/// at every level, of a displaced mesh as far as they are near.
 const MOST_AT_A_VERTEX: [usize; 2] = [256, 1024];
 
 /// Triangles that are counted out however little memory there is, so that a refusal has a number.
@@ -108,8 +109,8 @@ pub(super) fn make(
     Ok(match source {
         MeshSource::Inline(mesh) => MadeMesh { mesh: TriangleMesh::clone(mesh), not_numbers: 0 },
         MeshSource::Ply(path) => MadeMesh { mesh: crate::scene::ply::read_ply(path)?, not_numbers: 0 },
-        MeshSource::Loop { control, levels } => {
-            let mesh = super::loop_subdivision::subdivide(control, *levels);
+        MeshSource::Subdivision { cage, levels } => {
+            let mesh = subdivision::subdivide(cage, *levels);
             let mesh = mesh.map_err(|e| Error::at(&shape.at, e.to_string()))?;
             MadeMesh { mesh, not_numbers: 0 }
         }
@@ -156,17 +157,19 @@ pub(super) fn in_pieces(
     let place = Place { to_world: &shape.object_to_world, places };
     let pieces = match source {
         MeshSource::Inline(_) | MeshSource::Ply(_) => return Ok(None),
-        MeshSource::Loop { control, .. } if most_at_a_vertex(control) > MOST_AT_A_VERTEX[0] => {
+        MeshSource::Subdivision { cage, .. } if subdivision::most_at_a_vertex(cage) > MOST_AT_A_VERTEX[0] => {
             return Ok(None);
         }
-        MeshSource::Loop { control, levels } => {
-            let pieces = super::loop_subdivision::divide(control, *levels, most);
+        MeshSource::Subdivision { cage, levels } => {
+            let pieces = subdivision::divide(cage, *levels, most);
             pieces.map_err(|e| Error::at(&shape.at, e.to_string()))?
         }
         MeshSource::Curves(strands) => curves::divide(strands, &place, making.view, most).map_err(placed)?,
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
-            if most_at_a_vertex(&base) > MOST_AT_A_VERTEX[1] {
+            if most_at_a_vertex(base.positions.len(), base.indices.iter().flatten().copied())
+                > MOST_AT_A_VERTEX[1]
+            {
                 return Ok(None);
             }
             // Of each triangle a byte stays, and more: others are not counted out.
@@ -177,17 +180,6 @@ pub(super) fn in_pieces(
         }
     };
     Ok(Some(pieces))
-}
-
-/// Most triangles at one vertex of `mesh`.
-fn most_at_a_vertex(mesh: &TriangleMesh) -> usize {
-    let mut counts = vec![0; mesh.positions.len()];
-    for &v in mesh.indices.iter().flatten() {
-        if let Some(count) = counts.get_mut(v as usize) {
-            *count += 1;
-        }
-    }
-    counts.into_iter().max().unwrap_or(0)
 }
 
 /// Of each object of `scene`, and of the world last, the places where it stands.

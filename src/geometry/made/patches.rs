@@ -89,7 +89,7 @@ impl Patches {
             }
         }
         seams.sort_unstable();
-        let around = Around::new(count, base.triangles.iter().flatten().map(|&v| versions.first(v)));
+        let around = Around::new(count, 3, base.triangles.iter().flatten().map(|&v| versions.first(v)));
         let not_numbers = AtomicBool::new(false);
         let same = same_vertices(&base.triangles);
         let patches = Self { mesh, pieces: nodes, same, around, versions, smooth, seams, not_numbers };

@@ -503,7 +503,8 @@ fn curves_in_parts_are_the_whole() {
 
 #[test]
 fn a_subdivision_surface_in_parts_is_the_whole() {
-    use crate::geometry::loop_subdivision::{divide, subdivide};
+    use crate::geometry::subdivision::{divide, subdivide};
+    use crate::scene::Cage;
     let mut globe = globe(8, 5);
     // Closed but for a hole, with a fan of its own at one vertex, which two faces touch in a point.
     let last = globe.positions.len() as u32;
@@ -512,10 +513,57 @@ fn a_subdivision_surface_in_parts_is_the_whole() {
     globe.indices.push([globe.indices[20][0], last, last + 1]);
     for control in [square(), globe] {
         for levels in [0, 1, 4] {
-            let whole = subdivide(&control, levels).expect("small");
+            let cage = Cage::Loop(Arc::new(control.clone()));
+            let whole = subdivide(&cage, levels).expect("small");
             for (most, at_once) in [(1, 13), (16, 3), (100_000, 5)] {
-                parts_are_the_whole(&whole, divide(&control, levels, most).expect("small"), at_once);
+                parts_are_the_whole(&whole, divide(&cage, levels, most).expect("small"), at_once);
             }
+        }
+    }
+}
+
+#[test]
+fn a_catmull_clark_surface_in_parts_is_the_whole() {
+    use crate::geometry::subdivision::{divide, subdivide};
+    use crate::scene::{Cage, PolygonMesh};
+    // A globe of squares with triangles at its poles, a hole, and a pentagon of its own at one vertex.
+    let (across, up) = (7u32, 4u32);
+    let mut mesh = PolygonMesh::default();
+    for y in 0..=up {
+        for x in 0..across {
+            let (s, c) = (2.0 * PI * f64::from(x) / f64::from(across)).sin_cos();
+            let (high, wide) = (PI * (f64::from(y) + 0.4) / (f64::from(up) + 0.8)).sin_cos();
+            mesh.positions.push([c * high, s * high, wide * (1.0 + 0.2 * s)].map(|v| v as f32));
+        }
+    }
+    let mut add = |corners: &[u32]| {
+        mesh.corners.extend_from_slice(corners);
+        mesh.ends.push(mesh.corners.len() as u32);
+    };
+    for y in 0..up {
+        for x in 0..across {
+            let at = |x: u32, y: u32| y * across + x % across;
+            match (x, y) {
+                (3, 2) => {}
+                (5, 1) => {
+                    add(&[at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
+                    add(&[at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
+                }
+                _ => add(&[at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)]),
+            }
+        }
+    }
+    let lid: Vec<u32> = (0..across).rev().collect();
+    add(&lid);
+    let last = mesh.positions.len() as u32;
+    mesh.positions.extend([[2.0, 0.0, 1.0], [2.0, 0.5, 1.0], [2.5, 0.5, 1.0], [2.5, 0.0, 1.0]]);
+    mesh.corners.extend([9, last, last + 1, last + 2, last + 3]);
+    mesh.ends.push(mesh.corners.len() as u32);
+    let cage = Cage::CatmullClark(Arc::new(mesh));
+    for levels in [1, 2, 4] {
+        let whole = subdivide(&cage, levels).expect("small");
+        for (most, at_once) in [(1, 13), (16, 3), (100_000, 5)] {
+            parts_are_the_whole(&whole, divide(&cage, levels, most).expect("small"), at_once);
         }
     }
 }

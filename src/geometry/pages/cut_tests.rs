@@ -100,7 +100,7 @@ fn pages_do_not_depend_on_the_memory_or_the_threads_that_they_were_made_with() {
                 let maker = maker(root.path(), page_bytes, threads, memory);
                 let mesh =
                     paged(maker.make(&source, &named, NEVER).unwrap_or_else(|e| panic!("{what}: {e}")));
-                assert!(mesh.bounds.len() > 10, "{what}: {} pages", mesh.bounds.len());
+                assert!(mesh.outlines.len() > 10, "{what}: {} pages", mesh.outlines.len());
                 let made = fs::read(maker.path(&named)).expect("it has been made");
                 let pages = fs::read_dir(root.path().join("pages")).expect("there").count();
                 assert_eq!(pages, 1, "nothing else is left");
@@ -157,7 +157,7 @@ fn who_gives_up_leaves_nothing() {
             Err(Error::Interrupted) => {}
             Err(e) => panic!("{e}"),
             Ok(made) => {
-                assert!(!paged(made).bounds.is_empty());
+                assert!(!paged(made).outlines.is_empty());
                 asked_in_all = patience;
                 break;
             }

@@ -1,9 +1,10 @@
-//! A page file: a head, the pages, each on a boundary of 4 KiB, and the boxes of the pages.
+//! A page file: a head, the pages, each on a boundary of 4 KiB, and the outlines of the pages.
 //!
 //! Invariant: a file whose head says that it is whole is, since the head is written last; a page is used only when its
 //! checksum is right.
 
 use super::format::{Page, VERSION, is_whole};
+use crate::accel::bvh::Outline;
 use crate::error::{Error, Result};
 use crate::open::open_entry;
 use crate::texture::{FilePool, RawFile, TileScratch};
@@ -31,22 +32,20 @@ struct Head {
     file_bytes: u64,
     pages: u32,
     unused: [u32; 3],
-    /// Of the head, this being zero, and the boxes.
+    /// Of the head, this being zero, and the outlines.
     checksum: u64,
 }
 
 const _: () = assert!(size_of::<Head>() as u64 <= ALIGNMENT, "pages begin on the first boundary");
 
-type Box3 = [[f32; 3]; 2];
-
-/// Where the boxes begin.
+/// Where the outlines begin.
 fn pages_end(pages: usize, page_bytes: usize) -> u64 {
     ALIGNMENT + (pages as u64).saturating_mul(page_bytes as u64)
 }
 
-fn checksum(head: &Head, bounds: &[Box3]) -> u64 {
+fn checksum(head: &Head, outlines: &[Outline]) -> u64 {
     let head = Head { checksum: 0, ..*head };
-    xxh3_64_with_seed(bytemuck::cast_slice(bounds), xxh3_64(bytemuck::bytes_of(&head)))
+    xxh3_64_with_seed(bytemuck::cast_slice(outlines), xxh3_64(bytemuck::bytes_of(&head)))
 }
 
 /// What is to be known of a mesh on disk.
@@ -54,8 +53,8 @@ fn checksum(head: &Head, bounds: &[Box3]) -> u64 {
 pub struct PagedMesh {
     /// Name of its first page; the others follow.
     pub(crate) first: u32,
-    /// Boxes of its pages.
-    pub(crate) bounds: Vec<Box3>,
+    /// Where the triangles of its pages are.
+    pub(crate) outlines: Vec<Outline>,
     /// Triangles.
     pub(crate) triangles: u64,
 }
@@ -71,7 +70,7 @@ pub(crate) struct PageFile {
 pub(super) struct Writer<'a, W: Write + Seek> {
     out: &'a mut W,
     page_bytes: usize,
-    bounds: Vec<Box3>,
+    outlines: Vec<Outline>,
     padding: Vec<u8>,
 }
 
@@ -80,34 +79,34 @@ impl<'a, W: Write + Seek> Writer<'a, W> {
     pub(super) fn new(out: &'a mut W, page_bytes: usize) -> io::Result<Self> {
         let padding = vec![0; page_bytes.max(ALIGNMENT as usize)];
         out.write_all(&padding[..ALIGNMENT as usize])?;
-        Ok(Self { out, page_bytes, bounds: Vec::new(), padding })
+        Ok(Self { out, page_bytes, outlines: Vec::new(), padding })
     }
 
     /// The next page.
-    pub(super) fn push(&mut self, (page, bounds): &Page) -> io::Result<()> {
+    pub(super) fn push(&mut self, (page, outline): &Page) -> io::Result<()> {
         self.out.write_all(page)?;
         self.out.write_all(&self.padding[..self.page_bytes - page.len()])?;
-        self.bounds.push(*bounds);
+        self.outlines.push(*outline);
         Ok(())
     }
 
     /// Makes it a whole file, of `triangles` triangles of `source`.
     pub(super) fn finish(self, source: u64, triangles: u64) -> io::Result<()> {
-        let Self { out, page_bytes, bounds, .. } = self;
-        let pages = u32::try_from(bounds.len()).map_err(|_| io::Error::other("more pages than names"))?;
+        let Self { out, page_bytes, outlines, .. } = self;
+        let pages = u32::try_from(outlines.len()).map_err(|_| io::Error::other("more pages than names"))?;
         let mut head = Head {
             magic: MAGIC,
             version: VERSION,
             page_bytes: u32::try_from(page_bytes).expect("pages are small"),
             source,
             triangles,
-            file_bytes: pages_end(bounds.len(), page_bytes) + size_of_val(&bounds[..]) as u64,
+            file_bytes: pages_end(outlines.len(), page_bytes) + size_of_val(&outlines[..]) as u64,
             pages,
             unused: [0; 3],
             checksum: 0,
         };
-        head.checksum = checksum(&head, &bounds);
-        out.write_all(bytemuck::cast_slice(&bounds))?;
+        head.checksum = checksum(&head, &outlines);
+        out.write_all(bytemuck::cast_slice(&outlines))?;
         out.seek(SeekFrom::Start(0))?;
         out.write_all(bytemuck::bytes_of(&head))
     }
@@ -131,18 +130,18 @@ pub(super) fn open(
         && head.source == source
         && head.page_bytes as usize == page_bytes
         && head.file_bytes == length
-        && pages_end + u64::from(head.pages) * size_of::<Box3>() as u64 == length;
+        && pages_end + u64::from(head.pages) * size_of::<Outline>() as u64 == length;
     if !right {
         return None;
     }
     stream.seek(SeekFrom::Start(pages_end)).ok()?;
-    let mut bounds = vec![Box3::default(); head.pages as usize];
-    stream.read_exact(bytemuck::cast_slice_mut(&mut bounds)).ok()?;
-    if checksum(&head, &bounds) != head.checksum {
+    let mut outlines = vec![Outline::zeroed(); head.pages as usize];
+    stream.read_exact(bytemuck::cast_slice_mut(&mut outlines)).ok()?;
+    if checksum(&head, &outlines) != head.checksum {
         return None;
     }
     let file = RawFile::open(path, files).ok()?;
-    let mesh = PagedMesh { first: 0, bounds, triangles: head.triangles };
+    let mesh = PagedMesh { first: 0, outlines, triangles: head.triangles };
     Some((mesh, PageFile { file, page_bytes, pages: head.pages }))
 }
 

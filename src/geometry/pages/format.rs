@@ -2,7 +2,7 @@
 //!
 //! Invariant: a page whose checksum is right was made by [`encode`]; no other is ever looked into.
 
-use crate::accel::bvh::{PageTree, PageView};
+use crate::accel::bvh::{Outline, PageTree, PageView};
 use crate::geometry::Mesh;
 use crate::stats::KeyBuildHasher;
 use bytemuck::{Pod, cast_slice};
@@ -11,7 +11,7 @@ use std::hash::Hasher;
 use xxhash_rust::xxh3::Xxh3;
 
 /// Changes whenever the same mesh would give other bytes.
-pub(super) const VERSION: u32 = 2;
+pub(super) const VERSION: u32 = 3;
 
 /// Places in the head of a page.
 const VERTICES: usize = 0;
@@ -24,8 +24,8 @@ const NORMALS: u32 = 1;
 const UVS: u32 = 2;
 const TANGENTS: u32 = 4;
 
-/// A page without padding, and its box.
-pub(super) type Page = (Vec<u8>, [[f32; 3]; 2]);
+/// A page without padding, and its outline.
+pub(super) type Page = (Vec<u8>, Outline);
 
 /// The page of the triangles `names` of `mesh`, which may be a part of another, where they are `called` so.
 pub(super) fn encode(mesh: &Mesh, names: &[u32], called: impl Fn(u32) -> u32) -> Page {
@@ -63,7 +63,7 @@ pub(super) fn encode(mesh: &Mesh, names: &[u32], called: impl Fn(u32) -> u32) ->
     free[CHECKSUM] = sum as u32;
     free[CHECKSUM + 1] = (sum >> 32) as u32;
     write_head(&mut bytes, &free);
-    (bytes, tree.bounds)
+    (bytes, tree.outline)
 }
 
 fn append<T: Pod>(bytes: &mut Vec<u8>, vertices: &[usize], column: &[T]) {

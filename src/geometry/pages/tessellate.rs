@@ -7,7 +7,7 @@
 
 use super::file::PagedMesh;
 use super::format::{Page, encode, is_whole};
-use crate::accel::bvh::{Centre, MAX_TRIANGLES, Spread, left_of};
+use crate::accel::bvh::{Centre, MAX_TRIANGLES, Outline, Spread, left_of};
 use crate::clock::{Room, within};
 use crate::error::{Error, Result};
 use crate::geometry::made::{InPieces, Parts, Piece};
@@ -156,20 +156,20 @@ impl MadePages {
             if (what.stop)() { Err(Error::Interrupted) } else { made.fitting(group, &mut out).map(|()| out) }
         };
         let all: Vec<Result<Vec<Boxed>>> = groups.par_iter().map(boxes).collect();
-        let mut bounds = Vec::new();
+        let mut outlines = Vec::new();
         for boxed in all {
             for (pieces, of, slot) in boxed? {
                 made.pieces.extend(pieces);
                 made.starts.push(made.pieces.len() as u32);
                 made.slots.push(slot);
-                bounds.push(of);
+                outlines.push(of);
             }
         }
         made.pieces.shrink_to_fit();
         made.starts.shrink_to_fit();
         made.slots.shrink_to_fit();
-        bounds.shrink_to_fit();
-        Ok((PagedMesh { first: 0, bounds, triangles }, made))
+        outlines.shrink_to_fit();
+        Ok((PagedMesh { first: 0, outlines, triangles }, made))
     }
 
     /// Triangles that nearly all pages have room for, by some of `groups`; `None` where all is in one.
@@ -196,7 +196,7 @@ impl MadePages {
             Paged::Nothing => return Ok(()),
             _ => None,
         };
-        let Some((mut page, bounds)) = page else {
+        let Some((mut page, outline)) = page else {
             let (left, right) = pieces.split_at(pieces.len() / 2);
             if left.is_empty() {
                 let name = self.name.display();
@@ -210,7 +210,7 @@ impl MadePages {
         };
         page.resize(self.page_bytes, 0);
         let slot = self.kept.as_ref().map_or(NOWHERE, |kept| kept.put(&page));
-        out.push((pieces.to_vec(), bounds, slot));
+        out.push((pieces.to_vec(), outline, slot));
         Ok(())
     }
 
@@ -285,8 +285,8 @@ enum Paged {
     TooMany,
 }
 
-/// Pieces of a page, its box, and where it is kept.
-type Boxed = (Vec<u32>, [[f32; 3]; 2], u32);
+/// Pieces of a page, where they are, and where it is kept.
+type Boxed = (Vec<u32>, Outline, u32);
 
 /// Pieces that lie close together, of `most` triangles in all at most where one alone has no more; names rise in each group.
 fn group(pieces: &mut [Lying], most: usize) -> Vec<Vec<u32>> {

@@ -211,7 +211,7 @@ fn rays_through_pages_find_what_rays_through_the_mesh_find() {
         // Beside a mesh that has a mask, which is no matter of theirs.
         let all = (&mesh.positions[..], &mesh.indices[..]);
         let masked = Geometry::Triangles { positions: all.0, indices: all.1, alpha: Some(0) };
-        let geometry = [masked, Geometry::Pages { first: 0, bounds: &paged.bounds }];
+        let geometry = [masked, Geometry::Pages { first: 0, outlines: &paged.outlines }];
         let pages: Option<&dyn Pages> = Some(&store);
         let paged = BvhScene::new(&geometry, &[], &[], &NoCustom, pages, Form::best()).expect("few pages");
         let held = store.hold();
@@ -257,7 +257,7 @@ fn memory_comes_and_goes_while_pages_are_looked_at() {
     std::fs::write(&path, ply(&mesh, &triangles(&mesh), "binary_little_endian")).expect("writable");
     let page_bytes = LEAST_PAGE_BYTES;
     let (paged, file) = made(folder.path(), &path, page_bytes);
-    let pages = paged.bounds.len() as u32;
+    let pages = paged.outlines.len() as u32;
     let store = PageStore::new(vec![PageSource::File(file)], page_bytes).expect("few pages");
     let all = 150 * (page_bytes as u64 + 256);
     store.open(all, 2).expect("the least and more");

@@ -7,16 +7,26 @@ use super::reader::{Item, Reader, index};
 use super::state::MaterialRef;
 use crate::error::{Error, Location, Result};
 use crate::scene::{
-    MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, Shape, ShapeKind, TextureId, TriangleMesh,
+    Cage, MaterialId, MeshId, MeshSource, PatchMesh, PatchMeshId, PolygonMesh, Shape, ShapeKind, TextureId,
+    TriangleMesh,
 };
 use std::rc::Rc;
 use std::sync::Arc;
 
-const KINDS: [&str; 8] =
-    ["sphere", "cylinder", "disk", "trianglemesh", "plymesh", "bilinearmesh", "loopsubdiv", "curve"];
+const KINDS: [&str; 9] = [
+    "sphere",
+    "cylinder",
+    "disk",
+    "trianglemesh",
+    "plymesh",
+    "bilinearmesh",
+    "loopsubdiv",
+    "catmullclark",
+    "curve",
+];
 const POINT3: &[Type] = &[Type::Point3];
 /// Triangles that Loop subdivision may make of one mesh.
-const MAX_LOOP_TRIANGLES: u64 = 1 << 28;
+const MAX_SUBDIVISION_TRIANGLES: u64 = 1 << 28;
 
 /// Curves that are one surface, at most.
 const MAX_STRANDS: usize = 1 << 16;
@@ -108,6 +118,15 @@ impl Reader {
         Ok(())
     }
 
+    fn subdivided(&mut self, p: &Params, cage: Cage, levels: u32) -> Result<ShapeKind> {
+        let made = cage.triangles(levels);
+        if made > MAX_SUBDIVISION_TRIANGLES {
+            let what = format!("{levels} levels make {made} triangles; choose fewer levels");
+            return Err(p.error("levels", what));
+        }
+        Ok(ShapeKind::Mesh(self.mesh(MeshSource::Subdivision { cage, levels })?))
+    }
+
     fn shape_kind(&mut self, item: &Item) -> Result<ShapeKind> {
         let p = &item.params;
         Ok(match &*item.name {
@@ -151,13 +170,12 @@ impl Reader {
                     ));
                 };
                 let indices = corners::<3>(indices, positions.len(), at)?;
-                let made = (indices.len() as u64) << (2 * levels);
-                if made > MAX_LOOP_TRIANGLES {
-                    let what = format!("{levels} levels make {made} triangles; choose fewer levels");
-                    return Err(p.error("levels", what));
-                }
-                let control = Arc::new(TriangleMesh { positions, indices, ..TriangleMesh::default() });
-                ShapeKind::Mesh(self.mesh(MeshSource::Loop { control, levels })?)
+                let mesh = TriangleMesh { positions, indices, ..TriangleMesh::default() };
+                self.subdivided(p, Cage::Loop(Arc::new(mesh)), levels)?
+            }
+            "catmullclark" => {
+                let levels = p.int_in("levels", 3, 1..=14)?;
+                self.subdivided(p, Cage::CatmullClark(Arc::new(polygons(p)?)), levels)?
             }
             "plymesh" => {
                 let Some((name, at)) = p.string("filename")? else {
@@ -223,6 +241,40 @@ fn positions(p: &Params) -> Result<Vec<[f32; 3]>> {
         Some((positions, _)) => Ok(positions),
         None => Err(Error::at(&p.at, "the shape needs \"point3 P\"; give its vertices")),
     }
+}
+
+/// Faces of four corners each, or of as many as "facevertexcounts" says.
+fn polygons(p: &Params) -> Result<PolygonMesh> {
+    let positions = positions(p)?;
+    let Some((indices, at)) = p.ints("indices") else {
+        return Err(Error::at(
+            &p.at,
+            "catmullclark needs \"integer indices\"; give the corners of each face",
+        ));
+    };
+    let Some((counts, counts_at)) = p.ints("facevertexcounts") else {
+        let quads = corners::<4>(indices, positions.len(), at)?;
+        let ends = (1..=quads.len() as u32).map(|n| 4 * n).collect();
+        return Ok(PolygonMesh { positions, corners: quads.into_flattened(), ends });
+    };
+    let corners = corners::<1>(indices, positions.len(), at)?.into_flattened();
+    let mut end = 0u32;
+    let mut ends = Vec::with_capacity(counts.len());
+    for &count in counts {
+        let count = u32::try_from(count).ok().filter(|n| *n >= 3).ok_or_else(|| {
+            Error::at(counts_at, format!("a face of {count} corners; \"facevertexcounts\" are 3 or more"))
+        })?;
+        end = end.saturating_add(count);
+        ends.push(end);
+    }
+    if end as usize != corners.len() {
+        let what = format!(
+            "\"facevertexcounts\" sum to {end}, and \"indices\" are {}; make them equal",
+            corners.len()
+        );
+        return Err(Error::at(counts_at, what));
+    }
+    Ok(PolygonMesh { positions, corners, ends })
 }
 
 /// Indices by `N`, each below `vertices`.

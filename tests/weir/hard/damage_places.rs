@@ -53,6 +53,10 @@ pub(super) fn places() -> Vec<Place> {
         add("vertices", "-1.5", neighbours, scene(&format!("Shape \"trianglemesh\" {triangle}")));
         let loops = format!("Shape \"loopsubdiv\" \"integer levels\" 2 {triangle}");
         add("vertices", "-1.5", neighbours, scene(&loops));
+        let squares = format!(
+            "Shape \"catmullclark\" \"integer levels\" 2 {triangle} \"integer facevertexcounts\" [ 3 ]"
+        );
+        add("vertices", "-1.5", neighbours, scene(&squares));
         let patch =
             format!("Shape \"bilinearmesh\" \"point3 P\" [ {vertex}  -1.1 -.9 1  -1.9 .9 1  -1.1 .9 1 ]");
         add("vertices", "-1.5", neighbours, scene(&patch));
