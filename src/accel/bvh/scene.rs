@@ -8,7 +8,7 @@ use super::collapse::into_blocks;
 use super::leaves::{AnyOther, AnyTriangle, NearestOther, NearestTriangle, Triangles};
 use super::memory::Frozen;
 use super::nodes::{Fma, Form, Nodes, traverse_wide};
-use super::outline::Parts;
+use super::outline::Outline;
 use super::page::PageView;
 use super::part::Part;
 use super::plain::prefetch;
@@ -30,8 +30,8 @@ pub(super) struct Object<'a> {
     others: Nodes,
     /// What the leaves of `others` are runs of.
     pub(super) order: Vec<Reference>,
-    /// By what references call their primitive.
-    pages: Vec<Away>,
+    /// Of pages the geometry, and which they are of its own, by what references call their primitive.
+    pages: Vec<(u32, u32)>,
     /// Names of the pages of each geometry that has some.
     named: Vec<Range<u32>>,
     lo: Vec3,
@@ -45,14 +45,6 @@ pub(super) const PAGE: u32 = NONE - 1;
 
 /// Lines of a page that every look reads: its head and its first node.
 const PAGE_HEAD_LINES: usize = 5;
-
-/// What is known of a page without looking into it.
-#[derive(Clone, Copy)]
-struct Away {
-    geometry: u32,
-    page: u32,
-    parts: Parts,
-}
 
 /// An object placed in the world.
 struct Placed {
@@ -217,10 +209,10 @@ impl<'a> BvhScene<'a> {
         t_max: f32,
     ) -> Option<(&'a dyn Pages, (u32, u32))> {
         let (lo, hi) = r.corners();
-        let away = &object.pages[r.primitive as usize];
-        prefetch(away, size_of::<Away>().div_ceil(64));
-        let meets = away.parts.meet(lo, hi, self.fma, query, t_max);
-        self.pages.filter(|_| meets).map(|pages| (pages, (away.geometry, away.page)))
+        let (geometry, page) = object.pages[r.primitive as usize];
+        let (first, outlines) = object.paged(geometry);
+        let meets = outlines[page as usize].parts.meet(lo, hi, self.fma, query, t_max);
+        self.pages.filter(|_| meets).map(|pages| (pages, (geometry, first + page)))
     }
 
     /// Looks into the page `r`, if the ray enters it nearer than the best hit.
@@ -308,7 +300,7 @@ impl<'a> Object<'a> {
                 named.push(first..first + outlines.len() as u32);
                 order.extend(outlines.iter().zip(0u32..).filter_map(|(outline, i)| {
                     let primitive = u32::try_from(pages.len()).ok()?;
-                    pages.push(Away { geometry: name, page: first + i, parts: outline.parts });
+                    pages.push((name, i));
                     Reference::new(outline.lo, outline.hi, PAGE, primitive)
                 }));
             }
@@ -357,6 +349,15 @@ impl<'a> Object<'a> {
             + self.blocks.bytes()
             + size_of_val(&self.order[..])
             + size_of_val(&self.pages[..])
+    }
+
+    /// Name of the first page of `geometry`, which has some, and where the triangles of all of them are.
+    #[inline(always)]
+    fn paged(&self, geometry: u32) -> (u32, &'a [Outline]) {
+        match self.geometry[geometry as usize] {
+            Geometry::Pages { first, outlines } => (first, outlines),
+            _ => unreachable!("pages are referred to in geometries of pages"),
+        }
     }
 
     #[inline(always)]
@@ -426,7 +427,8 @@ impl Accel for BvhScene<'_> {
             let mut add = |pages| boxes.push(PageBox { lo: lo.into(), hi: hi.into(), pages });
             match r.geometry {
                 PAGE => {
-                    let page = self.world.pages[r.primitive as usize].page;
+                    let (geometry, page) = self.world.pages[r.primitive as usize];
+                    let page = self.world.paged(geometry).0 + page;
                     add(page..page + 1);
                 }
                 INSTANCE => {
