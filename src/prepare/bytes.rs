@@ -102,7 +102,7 @@ pub fn geometry_bytes(
                 let source = &scene.meshes[id.index()];
                 let facts = mesh_facts(source, headers.get(id.index()));
                 all.exact &= facts.exact;
-                if is_pageable(shape, source, facts.triangles) {
+                if is_pageable(shape, source, &facts) {
                     pages = page_count(&facts, page_bytes);
                     all.staying += control_bytes(source, &facts);
                 }
@@ -146,9 +146,24 @@ pub fn has_to_stay(shape: &Shape) -> bool {
     shape.area_light.is_some() || shape.alpha.is_some()
 }
 
-fn is_pageable(shape: &Shape, source: &MeshSource, triangles: u64) -> bool {
-    // What the scene's file says is there anyway.
-    !has_to_stay(shape) && !matches!(source, MeshSource::Inline(_)) && triangles >= LEAST_PAGED
+/// Most faces at a vertex of a subdivision surface that is made part by part: each part there takes all of them, at every
+/// level.
+pub const MOST_FACES_AT_A_VERTEX: usize = 256;
+
+/// Bytes of a triangle that is made and stays, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
+pub const STAYING_TRIANGLE: u64 = 80;
+
+fn is_pageable(shape: &Shape, source: &MeshSource, facts: &MeshFacts) -> bool {
+    let by_itself = match source {
+        // What the scene's file says is there anyway.
+        MeshSource::Inline(_) => false,
+        MeshSource::Subdivision { cage, .. } => {
+            cage.most_at_a_vertex() <= MOST_FACES_AT_A_VERTEX
+                && 2 * control_bytes(source, facts) <= facts.triangles * STAYING_TRIANGLE
+        }
+        MeshSource::Ply(_) | MeshSource::Displaced { .. } | MeshSource::Curves(_) => true,
+    };
+    by_itself && !has_to_stay(shape) && facts.triangles >= LEAST_PAGED
 }
 
 /// Of what a shape is made of, page by page, beside the scene's description; a displaced mesh's base is not known here.

@@ -20,7 +20,20 @@ pub struct TriangleMesh {
     pub indices: Vec<[u32; 3]>,
 }
 
+/// Most `corners` at one of so many `vertices`; those elsewhere are an error that others find.
+fn most_of_one(vertices: usize, corners: impl Iterator<Item = u32>) -> usize {
+    let mut counts = vec![0; vertices];
+    corners.for_each(|v| counts.get_mut(v as usize).into_iter().for_each(|count| *count += 1));
+    counts.into_iter().max().unwrap_or(0)
+}
+
 impl TriangleMesh {
+    /// Most triangles at one vertex.
+    #[must_use]
+    pub fn most_at_a_vertex(&self) -> usize {
+        most_of_one(self.positions.len(), self.indices.iter().flatten().copied())
+    }
+
     /// Leaves room for one vertex behind the last in the positions' allocation: Embree loads
     /// 16 bytes at every 12-byte vertex. Every reader ends with this; nothing else arranges it.
     pub fn pad_positions(&mut self) {
@@ -70,6 +83,9 @@ pub enum Cage {
 }
 
 impl Cage {
+    /// Most triangles after refinement.
+    pub const MAX_TRIANGLES: u64 = 1 << 28;
+
     /// Triangles after `levels` of refinement, as far as numbers go.
     #[must_use]
     pub fn triangles(&self, levels: u32) -> u64 {
@@ -79,6 +95,19 @@ impl Cage {
             Self::CatmullClark(mesh) => {
                 let quads = 4u64.saturating_pow(levels.saturating_sub(1));
                 (2 * mesh.corners.len() as u64).saturating_mul(quads)
+            }
+        }
+    }
+
+    /// Most faces that meet at a vertex, or will at the next level.
+    #[must_use]
+    pub fn most_at_a_vertex(&self) -> usize {
+        match self {
+            Self::Loop(mesh) => mesh.most_at_a_vertex(),
+            // A face becomes a vertex with a quadrangle at each corner.
+            Self::CatmullClark(mesh) => {
+                let sides = mesh.faces().map(<[u32]>::len).max().unwrap_or(0);
+                most_of_one(mesh.positions.len(), mesh.corners.iter().copied()).max(sides)
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Where the system sets a limit on the size of files, what does not fit is one line and exit code 3, and what was there
 //! before is there afterwards.
 
+use crate::support::names;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -13,13 +14,6 @@ fn limited(at: &Path, blocks: u32, line: &str) -> (Option<i32>, String) {
     shell.current_dir(at).args(["-c", &script, program]).env_remove("RUST_BACKTRACE");
     let output = shell.output().expect("a shell");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-}
-
-fn names(at: &Path) -> Vec<String> {
-    let entries = fs::read_dir(at).expect("readable").map(|entry| entry.expect("readable").file_name());
-    let mut names: Vec<String> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
 }
 
 const SCENE: &str = "Film \"rgb\" \"integer xresolution\" 64 \"integer yresolution\" 64\nWorldBegin\n\

@@ -55,6 +55,12 @@ pub(crate) fn least(scene: &SceneDescription, settings: &RenderSettings) -> u64 
     asked_for(scene, settings, asked_for(scene, settings, 1))
 }
 
+/// The least memory for rays that does, as the refusal says it.
+pub(crate) fn least_for_rays(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
+    let settings = RenderSettings { ray_memory: Some(1), ..settings.clone() };
+    would_do(scene, &settings, "--ray-memory")
+}
+
 #[test]
 fn a_budget_that_is_too_small_for_any_page_is_refused_before_one_is_made() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -4,20 +4,13 @@
 //! Invariant: everything is made on the spot, in a directory of the test's own.
 
 use crate::determinism::everything;
-use crate::pages::{least, make, settings, would_do};
+use crate::pages::{least, least_for_rays, make, settings};
 use crate::support::render;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 use std::{fs, thread};
-use weir::scene::SceneDescription;
 use weir::settings::{Backend, RenderSettings, Schedule};
 use weir::study::generate::Kind;
-
-/// The least that does, as the refusal says it.
-fn least_for_rays(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
-    let settings = RenderSettings { ray_memory: Some(1), ..settings.clone() };
-    would_do(scene, &settings, "--ray-memory")
-}
 
 #[test]
 fn sorted_rays_give_the_picture_of_waves() {

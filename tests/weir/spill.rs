@@ -4,23 +4,16 @@
 //! Invariant: every test runs in a directory of its own; what a machine does not allow is skipped and said.
 
 use crate::determinism::everything;
-use crate::pages::{least, make, settings, would_do};
+use crate::pages::{least, least_for_rays, make, settings};
 use crate::support::render;
 use crate::textures_faults::{WEIR, directory, ended, run, same_picture, shell, text, weir};
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
-use weir::scene::SceneDescription;
 use weir::settings::{Backend, RenderSettings, Schedule};
 use weir::stats::RenderStats;
 use weir::study::generate::Kind;
-
-/// The least memory for rays that does, as the refusal says it.
-fn least_for_rays(scene: &SceneDescription, settings: &RenderSettings) -> u64 {
-    let settings = RenderSettings { ray_memory: Some(1), geometry_memory: Some(1 << 30), ..settings.clone() };
-    would_do(scene, &settings, "--ray-memory")
-}
 
 #[test]
 fn the_picture_is_the_same_wherever_rays_wait() {
@@ -50,7 +43,7 @@ fn the_picture_is_the_same_wherever_rays_wait() {
             ray_disk: Some(1 << 30),
             ..whole
         };
-        let rays = least_for_rays(scene, &base);
+        let rays = least_for_rays(scene, &RenderSettings { geometry_memory: Some(1 << 30), ..base.clone() });
         let budget = (*schedule == Schedule::Voxel).then(|| least(scene, &base) + (1 << 20));
         for (ray_memory, ray_disk) in [(rays, 1 << 30), (rays, 300_000), (rays + (1 << 20), 64 << 20)] {
             let settings = RenderSettings {

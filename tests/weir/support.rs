@@ -222,3 +222,11 @@ pub(crate) fn shared_scenes() -> Vec<(&'static str, PathBuf)> {
     let scene = |name| Some((name, shared(&format!("pbrt-{name}"))?.join("scene-v4.pbrt")));
     names.into_iter().filter_map(scene).collect()
 }
+
+/// What lies in the directory `at`, in order.
+pub(crate) fn names(at: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(at).expect("readable").map(|entry| entry.expect("readable").file_name());
+    let mut names: Vec<String> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}

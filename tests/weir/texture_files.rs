@@ -4,6 +4,7 @@
 //!
 //! Invariant: every test runs in a directory of its own.
 
+use crate::support::names;
 use std::fs::{self, File};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -36,14 +37,6 @@ fn one_line(output: &Output, code: i32) -> String {
     assert_eq!(message.trim_end().lines().count(), 1, "{message}");
     assert!(output.stdout.is_empty());
     message
-}
-
-fn names(at: &Path) -> Vec<String> {
-    let entries = fs::read_dir(at).expect("the test's own directory");
-    let mut names: Vec<String> =
-        entries.map(|e| e.expect("readable").file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
 }
 
 fn png(at: &Path, name: &str, (w, h): (u32, u32)) {

@@ -320,7 +320,7 @@ impl<'a> Object<'a> {
         let blocks = into_blocks(&mut nodes, &of_triangles, geometry);
         drop(of_triangles);
         let other_nodes = build(&mut order, BuildSettings::SINGLE);
-        // In the order in which rays ask, so that what is asked for together lies together.
+        // Named in the order in which rays ask, so that what is asked for together lies together.
         let asked = order.iter_mut().filter(|r| r.geometry == PAGE).zip(0u32..);
         let pages = asked.map(|(r, i)| pages[std::mem::replace(&mut r.primitive, i) as usize]).collect();
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);

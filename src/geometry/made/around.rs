@@ -35,10 +35,3 @@ impl Around {
         size_of_val(&self.starts[..]) + size_of_val(&self.faces[..])
     }
 }
-
-/// Most `corners` at one of so many `vertices`; those elsewhere are an error that others find.
-pub fn most_at_a_vertex(vertices: usize, corners: impl Iterator<Item = u32>) -> usize {
-    let mut counts = vec![0; vertices];
-    corners.for_each(|v| counts.get_mut(v as usize).into_iter().for_each(|count| *count += 1));
-    counts.into_iter().max().unwrap_or(0)
-}

@@ -14,7 +14,7 @@ mod rule;
 mod seams;
 mod view;
 
-pub use around::{Around, most_at_a_vertex};
+pub use around::Around;
 pub use parts::{InPieces, Part, Parts, Piece};
 pub use refine::MAX_TRIANGLES;
 pub use view::{DEFAULT_EDGE_PIXELS, View};
@@ -22,7 +22,7 @@ pub use view::{DEFAULT_EDGE_PIXELS, View};
 use super::subdivision;
 use crate::error::{Error, Result};
 use crate::math::Transform;
-use crate::prepare::{all_shapes, is_visible};
+use crate::prepare::{MOST_FACES_AT_A_VERTEX, STAYING_TRIANGLE, all_shapes, is_visible};
 use crate::scene::{MeshSource, SceneDescription, Shape, ShapeKind, TextureId, TriangleMesh};
 use crate::texture::Textures;
 use displace::{Displaced, Displacement};
@@ -40,12 +40,8 @@ pub struct Making<'a> {
     too_large: AtomicBool,
 }
 
-/// Bytes of a triangle that is made and stays, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
-pub(super) const TRIANGLE_BYTES: u64 = 80;
-
-/// Most faces at a vertex of what is made part by part, since each part there takes all of them: of a subdivision surface
-/// at every level, of a displaced mesh as far as they are near.
-const MOST_AT_A_VERTEX: [usize; 2] = [256, 1024];
+/// Most triangles at a vertex of a displaced mesh that is made part by part: each part there takes those that are near.
+const MOST_TRIANGLES_AT_A_VERTEX: usize = 1024;
 
 /// Triangles that are counted out however little memory there is, so that a refusal has a number.
 const ALWAYS_COUNTED: u64 = 1 << 22;
@@ -76,8 +72,16 @@ impl<'a> Making<'a> {
 
     /// Triangles that there is room for where all of them stay.
     fn most_triangles(&self) -> usize {
-        let fits = self.room.map_or(u64::MAX, |room| room / TRIANGLE_BYTES);
+        let fits = self.room.map_or(u64::MAX, |room| room / STAYING_TRIANGLE);
         usize::try_from(fits).unwrap_or(usize::MAX).min(MAX_TRIANGLES)
+    }
+}
+
+/// An error of the control mesh of `shape`, with its place.
+fn at_shape(e: Error, shape: &Shape) -> Error {
+    match e {
+        Error::Interrupted => e,
+        other => Error::at(&shape.at, other.to_string()),
     }
 }
 
@@ -110,8 +114,7 @@ pub(super) fn make(
         MeshSource::Inline(mesh) => MadeMesh { mesh: TriangleMesh::clone(mesh), not_numbers: 0 },
         MeshSource::Ply(path) => MadeMesh { mesh: crate::scene::ply::read_ply(path)?, not_numbers: 0 },
         MeshSource::Subdivision { cage, levels } => {
-            let mesh = subdivision::subdivide(cage, *levels);
-            let mesh = mesh.map_err(|e| Error::at(&shape.at, e.to_string()))?;
+            let mesh = subdivision::subdivide(cage, *levels, stop).map_err(|e| at_shape(e, shape))?;
             MadeMesh { mesh, not_numbers: 0 }
         }
         MeshSource::Curves(strands) => {
@@ -157,19 +160,17 @@ pub(super) fn in_pieces(
     let place = Place { to_world: &shape.object_to_world, places };
     let pieces = match source {
         MeshSource::Inline(_) | MeshSource::Ply(_) => return Ok(None),
-        MeshSource::Subdivision { cage, .. } if subdivision::most_at_a_vertex(cage) > MOST_AT_A_VERTEX[0] => {
+        MeshSource::Subdivision { cage, .. } if cage.most_at_a_vertex() > MOST_FACES_AT_A_VERTEX => {
             return Ok(None);
         }
         MeshSource::Subdivision { cage, levels } => {
             let pieces = subdivision::divide(cage, *levels, most);
-            pieces.map_err(|e| Error::at(&shape.at, e.to_string()))?
+            pieces.map_err(|e| at_shape(e, shape))?
         }
         MeshSource::Curves(strands) => curves::divide(strands, &place, making.view, most).map_err(placed)?,
         MeshSource::Displaced { base, texture, edge_length } => {
             let MadeMesh { mesh: base, .. } = make(base, shape, places, making, stop)?;
-            if most_at_a_vertex(base.positions.len(), base.indices.iter().flatten().copied())
-                > MOST_AT_A_VERTEX[1]
-            {
+            if base.most_at_a_vertex() > MOST_TRIANGLES_AT_A_VERTEX {
                 return Ok(None);
             }
             // Of each triangle a byte stays, and more: others are not counted out.

@@ -514,7 +514,7 @@ fn a_subdivision_surface_in_parts_is_the_whole() {
     for control in [square(), globe] {
         for levels in [0, 1, 4] {
             let cage = Cage::Loop(Arc::new(control.clone()));
-            let whole = subdivide(&cage, levels).expect("small");
+            let whole = subdivide(&cage, levels, &|| false).expect("small");
             for (most, at_once) in [(1, 13), (16, 3), (100_000, 5)] {
                 parts_are_the_whole(&whole, divide(&cage, levels, most).expect("small"), at_once);
             }
@@ -561,7 +561,7 @@ fn a_catmull_clark_surface_in_parts_is_the_whole() {
     mesh.ends.push(mesh.corners.len() as u32);
     let cage = Cage::CatmullClark(Arc::new(mesh));
     for levels in [1, 2, 4] {
-        let whole = subdivide(&cage, levels).expect("small");
+        let whole = subdivide(&cage, levels, &|| false).expect("small");
         for (most, at_once) in [(1, 13), (16, 3), (100_000, 5)] {
             parts_are_the_whole(&whole, divide(&cage, levels, most).expect("small"), at_once);
         }

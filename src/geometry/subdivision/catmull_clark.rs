@@ -1,8 +1,8 @@
 //! Catmull and Clark's scheme (Catmull and Clark 1978): polygons into quadrangles, and these into four. Limit points and
 //! normals are those of Halstead et al. (1993); boundaries and their corners follow the cubic B-spline of their own edges.
 
-use super::Scheme;
 use super::surface::{NONE, Sided, Sides, Surface};
+use super::{Scheme, Stop, ask};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::scene::{PolygonMesh, TriangleMesh};
@@ -21,8 +21,8 @@ impl Scheme<4> for CatmullClark {
         divided(surface)
     }
 
-    fn limit(surface: &Surface<Quads>) -> TriangleMesh {
-        limit(surface)
+    fn limit(surface: &Surface<Quads>, stop: Stop<'_>) -> Result<TriangleMesh> {
+        limit(surface, stop)
     }
 
     fn child(corners: &[Vec3], child: u32) -> Vec<Vec3> {
@@ -177,12 +177,13 @@ enum Ends {
     Closed(u32),
 }
 
-fn limit(surface: &Surface<Quads>) -> TriangleMesh {
+fn limit(surface: &Surface<Quads>, stop: Stop<'_>) -> Result<TriangleMesh> {
     let mut mesh = TriangleMesh::default();
     mesh.positions.reserve_exact(surface.positions.len() + 1);
     mesh.normals.reserve_exact(surface.positions.len());
     let mut ring = Vec::new();
     for v in 0..surface.positions.len() {
+        ask(stop, v)?;
         let (p, s, t) = limit_of(surface, v, &mut ring);
         mesh.positions.push(p.to_array());
         mesh.normals.push(s.cross(t).normalize_or_zero().to_array());
@@ -190,7 +191,7 @@ fn limit(surface: &Surface<Quads>) -> TriangleMesh {
     let quads = surface.corners.as_chunks::<4>().0.iter();
     mesh.indices = quads.flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     mesh.pad_positions();
-    mesh
+    Ok(mesh)
 }
 
 /// Of a vertex its place on the limit surface, and two tangents whose product points outwards. `ring` is scratch.
@@ -223,6 +224,10 @@ fn limit_of(surface: &Surface<Quads>, vertex: usize, ring: &mut Vec<[Vec3; 2]>) 
 /// Halstead et al. 1993, appendix A: a neighbour's weight is A times the cosine (sine) of its angle, an opposite vertex's
 /// the sum of those on both sides of it.
 fn interior_tangents(ring: &[[Vec3; 2]]) -> (Vec3, Vec3) {
+    // All of the weights are 0 there, and λ = 1/4 is that of two others.
+    if let [[e0, f0], [e1, f1]] = *ring {
+        return (e0 - e1, f0 - f1);
+    }
     let n = ring.len();
     let turn = |i: usize| (2.0 * PI * (i % n) as f32 / n as f32).sin_cos();
     let cosine = turn(1).1;
@@ -236,7 +241,8 @@ fn interior_tangents(ring: &[[Vec3; 2]]) -> (Vec3, Vec3) {
     tangents
 }
 
-/// Across a boundary, inwards, at a vertex at `p` between `first` and `last`; with one face the diagonal.
+/// Across a boundary at a vertex at `p` between `first` and `last`, inwards where the faces fill less than half a turn; with
+/// one face the diagonal.
 ///
 /// The left eigenvector of the step that takes a vertex and the faces around it to the next level: with θ = π/faces, the
 /// neighbour at angle iθ weighs 16 (λ − 1/4) sin iθ, the opposite vertex between two of them the sum of their sines, and λ =

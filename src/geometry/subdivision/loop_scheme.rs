@@ -1,8 +1,8 @@
 //! Loop's scheme (Loop 1987; limit rules as in pbrt 3rd ed., §3.8): triangles into four. Boundaries follow the cubic
 //! B-spline of their own edges.
 
-use super::Scheme;
 use super::surface::{NONE, Sided, Sides, Surface};
+use super::{Scheme, Stop, ask};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::scene::TriangleMesh;
@@ -20,8 +20,8 @@ impl Scheme<3> for Loop {
         surface.divided()
     }
 
-    fn limit(surface: &Surface<Triangles>) -> TriangleMesh {
-        surface.limit()
+    fn limit(surface: &Surface<Triangles>, stop: Stop<'_>) -> Result<TriangleMesh> {
+        surface.limit(stop)
     }
 
     fn child(corners: &[Vec3], child: u32) -> Vec<Vec3> {
@@ -106,12 +106,13 @@ impl Surface<Triangles> {
         Self::unwalked(Sided, positions, corners, twins)
     }
 
-    fn limit(&self) -> TriangleMesh {
+    fn limit(&self, stop: Stop<'_>) -> Result<TriangleMesh> {
         let mut mesh = TriangleMesh::default();
         mesh.positions.reserve_exact(self.positions.len() + 1);
         mesh.normals.reserve_exact(self.positions.len());
         let (mut indices, mut ring) = (Vec::new(), Vec::new());
         for v in 0..self.positions.len() {
+            ask(stop, v)?;
             self.ring(v, &mut indices);
             let p = self.smoothed(v, &indices, |n| 1.0 / (n + 3.0 / (8.0 * beta(n))), 1.0 / 5.0);
             mesh.positions.push(p.to_array());
@@ -126,7 +127,7 @@ impl Surface<Triangles> {
         }
         mesh.indices = self.corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
         mesh.pad_positions();
-        mesh
+        Ok(mesh)
     }
 }
 
@@ -139,6 +140,10 @@ fn beta(n: f32) -> f32 {
 /// that first × second points outwards (pbrt walks the other way and its normals point inwards).
 fn interior_tangents(ring: &[Vec3]) -> (Vec3, Vec3) {
     let mut tangents = (Vec3::ZERO, Vec3::ZERO);
+    // Two neighbours are on one line with the vertex: there is no second tangent.
+    if ring.len() < 3 {
+        return tangents;
+    }
     for (i, &p) in ring.iter().enumerate() {
         let (sin, cos) = (2.0 * PI * i as f32 / ring.len() as f32).sin_cos();
         tangents.0 += cos * p;

@@ -1,9 +1,9 @@
 //! Subdivision surfaces: refines a control mesh by Loop's scheme or by Catmull and Clark's, then pushes its vertices to the
 //! limit surface with the limit's normals.
 //!
-//! Invariant: a level multiplies the triangles by four exactly; more than [`MAX_TRIANGLES`] are
-//! refused before any work (36 bytes a vertex and 24 a triangle at the peak: 2²⁸ triangles take some
-//! 11 GB). Never welds vertices: only shared indices make an edge shared.
+//! Invariant: a level multiplies the triangles by four exactly, but for the first of polygons, which makes two at each
+//! corner; more than [`Cage::MAX_TRIANGLES`] are refused before any work (41 bytes a vertex, and 28 to 36 a triangle, at the
+//! peak: 2²⁸ triangles take some 13 to 15 GB). Never welds vertices: only shared indices make an edge shared.
 
 mod catmull_clark;
 mod loop_scheme;
@@ -11,15 +11,23 @@ mod parts;
 mod surface;
 
 use crate::error::{Error, Result};
-use crate::geometry::made::{self, InPieces};
+use crate::geometry::made::InPieces;
 use crate::math::Vec3;
 use crate::scene::{Cage, TriangleMesh};
 use catmull_clark::CatmullClark;
 use loop_scheme::Loop;
 use surface::{Sided, Surface};
 
-/// Most triangles after refinement.
-pub const MAX_TRIANGLES: u64 = 1 << 28;
+/// Whether to give up.
+type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
+/// Vertices after which somebody is asked whether to give up.
+const BETWEEN_QUESTIONS: usize = 1 << 16;
+
+/// Asks at some vertices.
+fn ask(stop: Stop<'_>, vertex: usize) -> Result<()> {
+    if vertex.is_multiple_of(BETWEEN_QUESTIONS) && stop() { Err(Error::Interrupted) } else { Ok(()) }
+}
 
 /// How faces of `N` corners are refined.
 trait Scheme<const N: u32> {
@@ -30,7 +38,10 @@ trait Scheme<const N: u32> {
     fn divided(surface: &Surface<Sided<N>>) -> Surface<Sided<N>>;
 
     /// Vertices on the limit surface, with its normals; the triangles of each face in order.
-    fn limit(surface: &Surface<Sided<N>>) -> TriangleMesh;
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when `stop` says so.
+    fn limit(surface: &Surface<Sided<N>>, stop: Stop<'_>) -> Result<TriangleMesh>;
 
     /// About where the child `child` of the face with these `corners` is.
     fn child(corners: &[Vec3], child: u32) -> Vec<Vec3>;
@@ -43,18 +54,19 @@ trait Scheme<const N: u32> {
 ///
 /// # Errors
 /// [`Error::Input`] without a file when an index is out of range or the result would be larger than
-/// [`MAX_TRIANGLES`]; the caller, who knows the place, names it.
-pub fn subdivide(cage: &Cage, levels: u32) -> Result<TriangleMesh> {
+/// [`Cage::MAX_TRIANGLES`]; the caller, who knows the place, names it. [`Error::Interrupted`] when `stop` says so, which is
+/// asked between levels and now and then in the last.
+pub fn subdivide(cage: &Cage, levels: u32, stop: Stop<'_>) -> Result<TriangleMesh> {
     check(cage, levels)?;
-    Ok(match cage {
-        Cage::Loop(mesh) => refined::<3, Loop>(loop_scheme::surface(mesh)?, levels),
+    match cage {
+        Cage::Loop(mesh) => refined::<3, Loop>(loop_scheme::surface(mesh)?, levels, stop),
         Cage::CatmullClark(mesh) => {
-            refined::<4, CatmullClark>(catmull_clark::surface(mesh)?, levels.saturating_sub(1))
+            refined::<4, CatmullClark>(catmull_clark::surface(mesh)?, levels.saturating_sub(1), stop)
         }
-    })
+    }
 }
 
-/// [`subdivide`] in pieces of `most` triangles at most.
+/// [`subdivide`] in pieces of `most` triangles at most, or of one face.
 ///
 /// # Errors
 /// As there.
@@ -68,34 +80,25 @@ pub fn divide(cage: &Cage, levels: u32, most: u32) -> Result<InPieces> {
     })
 }
 
-/// Most faces that meet at a vertex of `cage`, or will at the next level.
-#[must_use]
-pub fn most_at_a_vertex(cage: &Cage) -> usize {
-    match cage {
-        Cage::Loop(mesh) => {
-            made::most_at_a_vertex(mesh.positions.len(), mesh.indices.iter().flatten().copied())
-        }
-        // A face becomes a vertex with a quadrangle at each corner.
-        Cage::CatmullClark(mesh) => {
-            let sides = mesh.faces().map(<[u32]>::len).max().unwrap_or(0);
-            made::most_at_a_vertex(mesh.positions.len(), mesh.corners.iter().copied()).max(sides)
-        }
-    }
-}
-
-fn refined<const N: u32, S: Scheme<N>>(mut surface: Surface<Sided<N>>, levels: u32) -> TriangleMesh {
+fn refined<const N: u32, S: Scheme<N>>(
+    mut surface: Surface<Sided<N>>,
+    levels: u32,
+    stop: Stop<'_>,
+) -> Result<TriangleMesh> {
     for _ in 0..levels {
+        ask(stop, 0)?;
         surface = S::divided(&surface);
         surface.find_first();
     }
-    S::limit(&surface)
+    S::limit(&surface, stop)
 }
 
 fn check(cage: &Cage, levels: u32) -> Result<()> {
     let wanted = cage.triangles(levels);
-    if wanted > MAX_TRIANGLES {
+    if wanted > Cage::MAX_TRIANGLES {
         return Err(fault(format!(
-            "subdivision to {levels} levels makes {wanted} triangles; {MAX_TRIANGLES} at most"
+            "subdivision to {levels} levels makes {wanted} triangles; {} at most",
+            Cage::MAX_TRIANGLES
         )));
     }
     Ok(())

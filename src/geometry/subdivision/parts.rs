@@ -26,7 +26,7 @@ struct Local<const N: u32> {
     names: Vec<u32>,
 }
 
-/// `control` refined `levels` times in pieces of `most` triangles at most.
+/// `control` refined `levels` times in pieces of `most` triangles at most, or of one face.
 pub(super) fn divide<const N: u32, S: Scheme<N> + 'static>(
     control: Surface<Sided<N>>,
     levels: u32,
@@ -121,7 +121,7 @@ impl<const N: u32, S: Scheme<N>> Parts for Faces<N, S> {
             let faces = above(at);
             local = local.refine::<S>(|name| faces.binary_search(&(name >> (2 * (level - at)))).is_ok());
         }
-        let mut mesh = S::limit(&local.surface);
+        let mut mesh = S::limit(&local.surface, &|| false).expect("nobody stops it");
         let mut part = Part::default();
         let triangles = std::mem::take(&mut mesh.indices);
         for (of_face, &name) in triangles.chunks_exact(S::TRIANGLES as usize).zip(&local.names) {

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use std::sync::Arc;
 
 fn subdivide(control: &TriangleMesh, levels: u32) -> Result<TriangleMesh> {
-    super::subdivide(&Cage::Loop(Arc::new(control.clone())), levels)
+    super::subdivide(&Cage::Loop(Arc::new(control.clone())), levels, &|| false)
 }
 
 fn mesh(positions: &[[f32; 3]], indices: &[[u32; 3]]) -> TriangleMesh {
@@ -193,7 +193,7 @@ mod catmull_clark {
     }
 
     fn subdivision(control: &PolygonMesh, levels: u32) -> Result<TriangleMesh> {
-        super::super::subdivide(&Cage::CatmullClark(Arc::new(control.clone())), levels)
+        super::super::subdivide(&Cage::CatmullClark(Arc::new(control.clone())), levels, &|| false)
     }
 
     fn cube() -> PolygonMesh {
@@ -266,21 +266,25 @@ mod catmull_clark {
     }
 
     proptest! {
-        /// Limits are the same from every level, which only the right weights are. Rounding moves a normal by some 1e-7 of
-        /// what is left of the fan, an eighth a level at the least.
+        /// Limits are the same from every level, which only the right weights are. Rounding moves a point by 5e-7 a step, and a
+        /// normal by that over what is left of the fan, a quarter a level at the least.
         #[test]
         fn a_vertex_has_the_same_limit_from_every_level(
             n in 1u32..8,
             closed in any::<bool>(),
             heights in prop::collection::vec(-0.3f32..0.3, 16),
         ) {
-            let n = if closed { n.max(3) } else { n };
-            let control = fan(n, closed, &heights);
+            let n = if closed { n.max(2) } else { n };
+            let mut control = fan(n, closed, &heights);
+            // Weights that do not sum to 0 would show where it is.
+            for p in &mut control.positions {
+                *p = [p[0] + 3.0, p[1] - 2.0, p[2] + 5.0];
+            }
             let first = refined(&control, 1);
             for levels in 2..5 {
                 let m = refined(&control, levels);
                 let far = (Vec3::from(m.positions[0]) - Vec3::from(first.positions[0])).length();
-                prop_assert!(far < 1e-6, "level {}: {}", levels, far);
+                prop_assert!(far < 4e-6, "level {}: {}", levels, far);
                 let turned = (Vec3::from(m.normals[0]) - Vec3::from(first.normals[0])).length();
                 prop_assert!(turned < 1e-3, "level {}: {}", levels, turned);
             }
@@ -289,7 +293,7 @@ mod catmull_clark {
 
     #[test]
     fn flat_fans_stay_flat_and_face_the_same_way() {
-        for (n, closed) in (1..8).map(|n| (n, false)).chain((3..8).map(|n| (n, true))) {
+        for (n, closed) in (1..8).map(|n| (n, false)).chain((2..8).map(|n| (n, true))) {
             for levels in 1..4 {
                 let m = refined(&fan(n, closed, &[]), levels);
                 check_topology(&m, 1);

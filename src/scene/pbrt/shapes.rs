@@ -25,9 +25,6 @@ const KINDS: [&str; 9] = [
     "curve",
 ];
 const POINT3: &[Type] = &[Type::Point3];
-/// Triangles that Loop subdivision may make of one mesh.
-const MAX_SUBDIVISION_TRIANGLES: u64 = 1 << 28;
-
 /// Curves that are one surface, at most.
 const MAX_STRANDS: usize = 1 << 16;
 
@@ -120,7 +117,7 @@ impl Reader {
 
     fn subdivided(&mut self, p: &Params, cage: Cage, levels: u32) -> Result<ShapeKind> {
         let made = cage.triangles(levels);
-        if made > MAX_SUBDIVISION_TRIANGLES {
+        if made > Cage::MAX_TRIANGLES {
             let what = format!("{levels} levels make {made} triangles; choose fewer levels");
             return Err(p.error("levels", what));
         }
@@ -174,7 +171,7 @@ impl Reader {
                 self.subdivided(p, Cage::Loop(Arc::new(mesh)), levels)?
             }
             "catmullclark" => {
-                let levels = p.int_in("levels", 3, 1..=14)?;
+                let levels = p.int_in("levels", 3, 1..=13)?;
                 self.subdivided(p, Cage::CatmullClark(Arc::new(polygons(p)?)), levels)?
             }
             "plymesh" => {
@@ -258,16 +255,16 @@ fn polygons(p: &Params) -> Result<PolygonMesh> {
         return Ok(PolygonMesh { positions, corners: quads.into_flattened(), ends });
     };
     let corners = corners::<1>(indices, positions.len(), at)?.into_flattened();
-    let mut end = 0u32;
+    let mut end = 0u64;
     let mut ends = Vec::with_capacity(counts.len());
     for &count in counts {
-        let count = u32::try_from(count).ok().filter(|n| *n >= 3).ok_or_else(|| {
+        let count = u64::try_from(count).ok().filter(|n| *n >= 3).ok_or_else(|| {
             Error::at(counts_at, format!("a face of {count} corners; \"facevertexcounts\" are 3 or more"))
         })?;
-        end = end.saturating_add(count);
-        ends.push(end);
+        end += count;
+        ends.push(end as u32);
     }
-    if end as usize != corners.len() {
+    if end != corners.len() as u64 {
         let what = format!(
             "\"facevertexcounts\" sum to {end}, and \"indices\" are {}; make them equal",
             corners.len()
@@ -282,7 +279,7 @@ fn corners<const N: usize>(indices: &[i32], vertices: usize, at: &Location) -> R
     let (faces, rest) = indices.as_chunks::<N>();
     if !rest.is_empty() || faces.is_empty() {
         let n = indices.len();
-        return Err(Error::at(at, format!("{n} indices; a multiple of {N} is needed")));
+        return Err(Error::at(at, format!("{n} indices; {N}, or a multiple of it, are needed")));
     }
     // One comparison finds both ends: a negative index is a huge unsigned one.
     let bound = u32::try_from(vertices).unwrap_or(u32::MAX);
