@@ -153,17 +153,20 @@ pub const MOST_FACES_AT_A_VERTEX: usize = 256;
 /// Bytes of a triangle that is made and stays, at least: its corners, half a vertex of 32 bytes, and 52 of its tree.
 pub const STAYING_TRIANGLE: u64 = 80;
 
+/// Whether so many triangles are worth pages, when `staying` bytes of what they are made of stay.
+#[must_use]
+pub fn are_worth_pages(triangles: u64, staying: u64) -> bool {
+    triangles >= LEAST_PAGED && 2 * staying <= triangles * STAYING_TRIANGLE
+}
+
 fn is_pageable(shape: &Shape, source: &MeshSource, facts: &MeshFacts) -> bool {
-    let by_itself = match source {
+    let part_by_part = match source {
         // What the scene's file says is there anyway.
         MeshSource::Inline(_) => false,
-        MeshSource::Subdivision { cage, .. } => {
-            cage.most_at_a_vertex() <= MOST_FACES_AT_A_VERTEX
-                && 2 * control_bytes(source, facts) <= facts.triangles * STAYING_TRIANGLE
-        }
+        MeshSource::Subdivision { cage, .. } => cage.most_at_a_vertex() <= MOST_FACES_AT_A_VERTEX,
         MeshSource::Ply(_) | MeshSource::Displaced { .. } | MeshSource::Curves(_) => true,
     };
-    by_itself && !has_to_stay(shape) && facts.triangles >= LEAST_PAGED
+    part_by_part && !has_to_stay(shape) && are_worth_pages(facts.triangles, control_bytes(source, facts))
 }
 
 /// Of what a shape is made of, page by page, beside the scene's description; a displaced mesh's base is not known here.

@@ -13,8 +13,8 @@ mod schedule;
 mod textures;
 
 pub use bytes::{
-    GeometryBytes, LEAST_PAGED, MOST_FACES_AT_A_VERTEX, STAYING_TRIANGLE, description_bytes, displaced_facts,
-    film_bytes, geometry_bytes, has_to_stay, light_bytes,
+    GeometryBytes, LEAST_PAGED, MOST_FACES_AT_A_VERTEX, STAYING_TRIANGLE, are_worth_pages, description_bytes,
+    displaced_facts, film_bytes, geometry_bytes, has_to_stay, light_bytes,
 };
 pub use divide::{Division, Least, divide};
 pub use effects::{EFFECTS, calls, effects};

@@ -163,11 +163,10 @@ fn pages_that_are_made_again_are_the_same_picture() {
     let smooth = "Translate 0 .5 -1\nScale .4 .4 .4\nShape \"loopsubdiv\" \"integer levels\" 5 \
                   \"point3 P\" [ 1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1 ] \
                   \"integer indices\" [ 0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5 ]\n";
-    // A cube of 6144, within its reach.
-    let squares = "Translate 3 0 0\nShape \"catmullclark\" \"integer levels\" 5 \
-                   \"point3 P\" [ -1 -1 -1 1 -1 -1 -1 1 -1 1 1 -1 -1 -1 1 1 -1 1 -1 1 1 1 1 1 ] \
-                   \"integer indices\" [ 0 2 3 1 4 5 7 6 0 1 5 4 2 6 7 3 0 4 6 2 1 3 7 5 ]\n";
-    let scene = scene_beside(&(described(folder.path()) + smooth + squares), folder.path());
+    // A cube of 12288, within its reach.
+    let squares =
+        format!("Translate 3 0 0\nShape \"catmullclark\" \"integer levels\" 5 {}\n", crate::support::CUBE);
+    let scene = scene_beside(&(described(folder.path()) + smooth + &squares), folder.path());
     let whole = RenderSettings {
         backend: Backend::Native,
         cache_dir: Some(folder.path().join("cache")),

@@ -209,13 +209,9 @@ fn all_kinds_of_meshes_are_counted_by_their_headers() {
         ("quads", "Shape \"plymesh\" \"string filename\" \"quads.ply\"".to_owned(), 7201),
         ("inline", format!("Shape \"trianglemesh\" {}", crate::support::icosphere(4)), 5121),
         ("loop", format!("Shape \"loopsubdiv\" \"integer levels\" 4 {loop_control}"), 5121),
-        // Six quadrangles of eight corners.
         (
             "squares",
-            "Shape \"catmullclark\" \"integer levels\" 5 \
-             \"point3 P\" [ -1 -1 -1 1 -1 -1 -1 1 -1 1 1 -1 -1 -1 1 1 -1 1 -1 1 1 1 1 1 ] \
-             \"integer indices\" [ 0 2 3 1 4 5 7 6 0 1 5 4 2 6 7 3 0 4 6 2 1 3 7 5 ]"
-                .to_owned(),
+            format!("Shape \"catmullclark\" \"integer levels\" 5 {}", crate::support::CUBE),
             12 * 1024 + 1,
         ),
         ("spheres", "Shape \"sphere\"\n".repeat(800), 801),

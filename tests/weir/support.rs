@@ -110,6 +110,10 @@ pub(crate) fn assert_flat(image: &Image, expected: f32, tolerance: f32, what: &s
     }
 }
 
+/// A cube of six squares, as the parameters of a `catmullclark`.
+pub(crate) const CUBE: &str = "\"point3 P\" [ -1 -1 -1 1 -1 -1 -1 1 -1 1 1 -1 -1 -1 1 1 -1 1 -1 1 1 1 1 1 ] \
+     \"integer indices\" [ 0 2 3 1 4 5 7 6 0 1 5 4 2 6 7 3 0 4 6 2 1 3 7 5 ]";
+
 /// A sphere of triangles: the vertices of an icosahedron, each triangle split in four `levels`
 /// times, all on the unit sphere, facing out. As the parameters of a `trianglemesh`.
 pub(crate) fn icosphere(levels: u32) -> String {

@@ -9,6 +9,8 @@ use super::collapse::open;
 use super::nodes::Fma;
 use super::query::Query;
 use super::tree::{Node, WIDTH};
+#[cfg(target_arch = "x86_64")]
+use super::wide::WideQuery;
 use bytemuck::{Pod, Zeroable};
 
 /// Eights of parts: ARCHITECTURE.md says what each spares.
@@ -19,12 +21,7 @@ type Planes = [[u8; WIDTH]; 6];
 const UNUSED: Planes =
     [[u8::MAX; WIDTH], [0; WIDTH], [u8::MAX; WIDTH], [0; WIDTH], [u8::MAX; WIDTH], [0; WIDTH]];
 
-/// Boxes of the parts of a page, by the page's box. Those that are not used are turned inside out.
-#[repr(transparent)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-pub(super) struct Parts([Planes; GROUPS]);
-
-/// The box of a page, and its parts.
+/// The box of a page, and boxes of its parts.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Outline {
@@ -32,7 +29,8 @@ pub struct Outline {
     pub lo: [f32; 3],
     /// Greatest corner.
     pub hi: [f32; 3],
-    pub(super) parts: Parts,
+    /// Those that are not used are turned inside out.
+    parts: [Planes; GROUPS],
 }
 
 /// Planes a box is divided by: two fewer than there are numbers, so that the last lies outside however it is rounded.
@@ -45,21 +43,25 @@ fn scale(lo: f32, hi: f32) -> f32 {
     ((hi - lo) * (1.0 / STEPS)).max(f32::MIN_POSITIVE)
 }
 
+/// Where the plane `number` is.
+fn plane(number: u8, lo: f32, scale: f32) -> f32 {
+    f32::from(number).mul_add(scale, lo)
+}
+
 impl Outline {
     /// Of a page whose tree has `nodes`; of none, a box that nothing enters.
     pub(super) fn new(nodes: &[Node]) -> Self {
         let Some(&Node { lo, hi, .. }) = nodes.first() else {
-            let parts = Parts([UNUSED; GROUPS]);
-            return Self { lo: [f32::INFINITY; 3], hi: [f32::NEG_INFINITY; 3], parts };
+            return Self { lo: [f32::INFINITY; 3], hi: [f32::NEG_INFINITY; 3], parts: [UNUSED; GROUPS] };
         };
         let (children, count) = open::<{ WIDTH * GROUPS }>(nodes, 0);
-        let mut parts = Parts([UNUSED; GROUPS]);
+        let mut parts = [UNUSED; GROUPS];
         for (slot, &child) in children[..count].iter().enumerate() {
-            let planes = &mut parts.0[slot / WIDTH];
+            let planes = &mut parts[slot / WIDTH];
             let node = &nodes[child];
             for axis in 0..3 {
                 let scale = scale(lo[axis], hi[axis]);
-                let plane = |number: u8| f32::from(number).mul_add(scale, lo[axis]);
+                let plane = |number: u8| plane(number, lo[axis], scale);
                 let at = |v: f32| (v - lo[axis]) / scale;
                 // Casts keep to the numbers that there are.
                 let mut below = at(node.lo[axis]) as u8;
@@ -82,76 +84,56 @@ impl Outline {
     pub(super) fn whole([lo, hi]: [[f32; 3]; 2]) -> Self {
         Self::new(&[Node { lo, next: 0, hi, count_axis: 1 << 2 }])
     }
-}
 
-impl Parts {
-    /// Whether `query` enters one of them within `t_max`, the page's box being that from `lo` to `hi`.
+    /// Whether `query` enters one of the parts within `t_max`.
     #[inline(always)]
-    pub(super) fn meet(
-        &self,
-        lo: [f32; 3],
-        hi: [f32; 3],
-        fma: Option<Fma>,
-        query: &Query,
-        t_max: f32,
-    ) -> bool {
+    pub(super) fn meets(&self, fma: Option<Fma>, query: &Query, t_max: f32) -> bool {
         #[cfg(target_arch = "x86_64")]
         if fma.is_some() {
             // SAFETY: `Fma` is made only where every feature has been found.
-            return unsafe { self.meet_eights(lo, hi, query, t_max) };
+            return unsafe { self.meets_eights(query, t_max) };
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = fma;
-        self.meet_one_by_one(lo, hi, query, t_max)
+        self.meets_one_by_one(query, t_max)
     }
 
     /// The box of the part in `slot`.
-    fn corners(&self, lo: [f32; 3], hi: [f32; 3], slot: usize) -> [[f32; 3]; 2] {
-        let planes = &self.0[slot / WIDTH];
+    fn part(&self, slot: usize) -> [[f32; 3]; 2] {
+        let planes = &self.parts[slot / WIDTH];
         [0, 1].map(|upper| {
             [0, 1, 2].map(|axis| {
-                let number = f32::from(planes[2 * axis + upper][slot % WIDTH]);
-                number.mul_add(scale(lo[axis], hi[axis]), lo[axis])
+                let (lo, hi) = (self.lo[axis], self.hi[axis]);
+                plane(planes[2 * axis + upper][slot % WIDTH], lo, scale(lo, hi))
             })
         })
     }
 
-    /// [`Self::meet`], for any processor.
-    fn meet_one_by_one(&self, lo: [f32; 3], hi: [f32; 3], query: &Query, t_max: f32) -> bool {
+    /// [`Self::meets`], for any processor.
+    fn meets_one_by_one(&self, query: &Query, t_max: f32) -> bool {
         (0..WIDTH * GROUPS).any(|slot| {
-            let [from, to] = self.corners(lo, hi, slot);
-            let (near, far) = query.inside(from, to, t_max);
+            let [lo, hi] = self.part(slot);
+            let (near, far) = query.inside(lo, hi, t_max);
             near <= far
         })
     }
 
-    /// [`Self::meet`], eight at a time.
+    /// [`Self::meets`], eight at a time.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
-    fn meet_eights(&self, lo: [f32; 3], hi: [f32; 3], query: &Query, t_max: f32) -> bool {
-        use super::query::SLACK;
+    fn meets_eights(&self, query: &Query, t_max: f32) -> bool {
         use std::arch::x86_64::*;
         let all = |v: f32| _mm256_set1_ps(v);
-        let scales = [0, 1, 2].map(|axis| scale(lo[axis], hi[axis]));
-        self.0.iter().any(|planes| {
-            let at = |side: usize, axis: usize| {
+        let query = WideQuery::new(query);
+        let los = self.lo.map(all);
+        let scales = [0, 1, 2].map(|axis| all(scale(self.lo[axis], self.hi[axis])));
+        self.parts.iter().any(|planes| {
+            let plane = |side: usize| {
                 let numbers = _mm_cvtsi64_si128(i64::from_le_bytes(planes[side]));
                 let numbers = _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(numbers));
-                _mm256_fmadd_ps(numbers, all(scales[axis]), all(lo[axis]))
+                _mm256_fmadd_ps(numbers, scales[side / 2], los[side / 2])
             };
-            let enter = |axis: usize| {
-                let plane = at(2 * axis + query.negative[axis], axis);
-                _mm256_fmadd_ps(plane, all(query.inverse[axis]), all(query.near[axis]))
-            };
-            let leave = |axis: usize| {
-                let plane = at(2 * axis + (query.negative[axis] ^ 1), axis);
-                _mm256_fmadd_ps(plane, all(query.inverse[axis]), all(query.far[axis]))
-            };
-            let near =
-                _mm256_max_ps(_mm256_max_ps(enter(0), enter(1)), _mm256_max_ps(enter(2), all(query.t_min)));
-            let far = _mm256_min_ps(_mm256_min_ps(leave(0), leave(1)), leave(2));
-            let far = _mm256_min_ps(_mm256_mul_ps(far, all(SLACK)), all(t_max));
-            _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) != 0
+            query.inside(plane, t_max).1 != 0
         })
     }
 }
@@ -211,7 +193,7 @@ mod tests {
             let outline = Outline::new(&nodes);
             let (children, count) = open::<{ WIDTH * GROUPS }>(&nodes, 0);
             for (slot, &child) in children[..count].iter().enumerate() {
-                let [from, to] = outline.parts.corners(outline.lo, outline.hi, slot);
+                let [from, to] = outline.part(slot);
                 for axis in 0..3 {
                     prop_assert!(from[axis] <= nodes[child].lo[axis] && nodes[child].hi[axis] <= to[axis]);
                 }
@@ -229,9 +211,9 @@ mod tests {
                         let (near, far) = query.inside(lo, hi, t_max);
                         near <= far
                     });
-                    let slow = outline.parts.meet_one_by_one(outline.lo, outline.hi, &query, t_max);
+                    let slow = outline.meets_one_by_one(&query, t_max);
                     prop_assert!(!entered || slow, "{ray:?}");
-                    let fast = outline.parts.meet(outline.lo, outline.hi, Fma::detect(), &query, t_max);
+                    let fast = outline.meets(Fma::detect(), &query, t_max);
                     prop_assert_eq!(fast, slow);
                 }
             }
@@ -245,12 +227,8 @@ mod tests {
         let outline = Outline::new(&tree(&boxes));
         for (x, enters) in [(0.5, true), (1.1, false), (5.0, false), (8.9, false), (9.5, true)] {
             let query = Query::new(&Ray::new(Vec3::new(x, 0.5, -3.0), Vec3::Z), 10.0).expect("a ray");
-            assert_eq!(
-                outline.parts.meet(outline.lo, outline.hi, Fma::detect(), &query, 9.0),
-                enters,
-                "at {x}"
-            );
-            assert!(!outline.parts.meet(outline.lo, outline.hi, Fma::detect(), &query, 2.9), "too far");
+            assert_eq!(outline.meets(Fma::detect(), &query, 9.0), enters, "at {x}");
+            assert!(!outline.meets(Fma::detect(), &query, 2.9), "too far");
         }
     }
 }

@@ -32,8 +32,6 @@ pub(super) struct Object<'a> {
     pub(super) order: Vec<Reference>,
     /// Of pages the geometry, and which they are of its own, by what references call their primitive.
     pages: Vec<(u32, u32)>,
-    /// Names of the pages of each geometry that has some.
-    named: Vec<Range<u32>>,
     lo: Vec3,
     hi: Vec3,
 }
@@ -45,6 +43,14 @@ pub(super) const PAGE: u32 = NONE - 1;
 
 /// Lines of a page that every look reads: its head and its first node.
 const PAGE_HEAD_LINES: usize = 5;
+
+/// Names of the pages of `geometry`, if it has some.
+fn page_names(geometry: &Geometry<'_>) -> Option<Range<u32>> {
+    match *geometry {
+        Geometry::Pages { first, outlines } => Some(first..first + outlines.len() as u32),
+        _ => None,
+    }
+}
 
 /// An object placed in the world.
 struct Placed {
@@ -208,10 +214,9 @@ impl<'a> BvhScene<'a> {
         query: &Query,
         t_max: f32,
     ) -> Option<(&'a dyn Pages, (u32, u32))> {
-        let (lo, hi) = r.corners();
         let (geometry, page) = object.pages[r.primitive as usize];
         let (first, outlines) = object.paged(geometry);
-        let meets = outlines[page as usize].parts.meet(lo, hi, self.fma, query, t_max);
+        let meets = outlines[page as usize].meets(self.fma, query, t_max);
         self.pages.filter(|_| meets).map(|pages| (pages, (geometry, first + page)))
     }
 
@@ -293,11 +298,10 @@ impl<'a> Object<'a> {
     ) -> Result<Self> {
         let mut of_triangles = triangles(geometry);
         let mut order = instances;
-        let (mut pages, mut named) = (Vec::new(), Vec::new());
+        let mut pages = Vec::new();
         for (name, g) in geometry.iter().enumerate() {
             let name = u32::try_from(name).expect("geometries are counted in u32");
-            if let Geometry::Pages { first, outlines } = *g {
-                named.push(first..first + outlines.len() as u32);
+            if let Geometry::Pages { outlines, .. } = *g {
                 order.extend(outlines.iter().zip(0u32..).filter_map(|(outline, i)| {
                     let primitive = u32::try_from(pages.len()).ok()?;
                     pages.push((name, i));
@@ -337,7 +341,6 @@ impl<'a> Object<'a> {
             others: Nodes::new(other_nodes, form),
             order,
             pages,
-            named,
             lo,
             hi,
         })
@@ -433,7 +436,7 @@ impl Accel for BvhScene<'_> {
                 }
                 INSTANCE => {
                     let object = &self.objects[self.instances[r.primitive as usize].object as usize];
-                    object.named.iter().cloned().for_each(&mut add);
+                    object.geometry.iter().filter_map(page_names).for_each(&mut add);
                 }
                 _ => {}
             }

@@ -30,6 +30,48 @@ fn pop(stack: &[MaybeUninit<u64>; STACK], height: usize) -> u64 {
     unsafe { stack[height].assume_init() }
 }
 
+/// A query in all lanes, for eight boxes at a time.
+pub(super) struct WideQuery {
+    inverse: [__m256; 3],
+    near: [__m256; 3],
+    far: [__m256; 3],
+    t_min: __m256,
+    slack: __m256,
+    /// By axis the side that the ray enters through; the other is the one that it leaves through.
+    enter: [usize; 3],
+}
+
+impl WideQuery {
+    #[inline]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub(super) fn new(query: &Query) -> Self {
+        let all = |v: f32| _mm256_set1_ps(v);
+        Self {
+            inverse: query.inverse.map(all),
+            near: query.near.map(all),
+            far: query.far.map(all),
+            t_min: all(query.t_min),
+            slack: all(SLACK),
+            enter: [0, 1, 2].map(|k| 2 * k + query.negative[k]),
+        }
+    }
+
+    /// [`Query::inside`] of eight boxes, whose planes `plane` has in the order of [`Wide`]'s: where the ray enters each, and
+    /// a bit for each that it is inside of anywhere.
+    #[inline]
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    pub(super) fn inside(&self, plane: impl Fn(usize) -> __m256, t_max: f32) -> (__m256, u32) {
+        let Self { inverse, enter, .. } = self;
+        let near = |k: usize| _mm256_fmadd_ps(plane(enter[k]), inverse[k], self.near[k]);
+        let far = |k: usize| _mm256_fmadd_ps(plane(enter[k] ^ 1), inverse[k], self.far[k]);
+        let near = _mm256_max_ps(_mm256_max_ps(near(0), near(1)), _mm256_max_ps(near(2), self.t_min));
+        let far = _mm256_min_ps(_mm256_min_ps(far(0), far(1)), far(2));
+        let far = _mm256_min_ps(_mm256_mul_ps(far, self.slack), _mm256_set1_ps(t_max));
+        let inside = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
+        (near, inside.cast_unsigned())
+    }
+}
+
 /// Visits the leaves that `query` meets within `t_max`.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub(super) fn traverse<const COUNT: bool, const ORDERED: bool>(
@@ -42,12 +84,7 @@ pub(super) fn traverse<const COUNT: bool, const ORDERED: bool>(
     if nodes.is_empty() {
         return;
     }
-    let inverse = query.inverse.map(|v| _mm256_set1_ps(v));
-    let near_offset = query.near.map(|v| _mm256_set1_ps(v));
-    let far_offset = query.far.map(|v| _mm256_set1_ps(v));
-    let enter = [0, 1, 2].map(|k| 2 * k + query.negative[k]);
-    let start = _mm256_set1_ps(query.t_min);
-    let slack = _mm256_set1_ps(SLACK);
+    let query = WideQuery::new(query);
     let mut stack = [const { MaybeUninit::<u64>::uninit() }; STACK];
     let mut height = 0;
     let mut at = Child::inner(0);
@@ -67,12 +104,7 @@ pub(super) fn traverse<const COUNT: bool, const ORDERED: bool>(
             if COUNT {
                 work.nodes += 1;
             }
-            let near = |k: usize| _mm256_fmadd_ps(load(&node.planes[enter[k]]), inverse[k], near_offset[k]);
-            let far = |k: usize| _mm256_fmadd_ps(load(&node.planes[enter[k] ^ 1]), inverse[k], far_offset[k]);
-            let near = _mm256_max_ps(_mm256_max_ps(near(0), near(1)), _mm256_max_ps(near(2), start));
-            let far = _mm256_min_ps(_mm256_min_ps(far(0), far(1)), far(2));
-            let far = _mm256_min_ps(_mm256_mul_ps(far, slack), _mm256_set1_ps(t_max));
-            let mut hit = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)).cast_unsigned();
+            let (near, mut hit) = query.inside(|side| load(&node.planes[side]), t_max);
             if hit == 0 {
                 break;
             }

@@ -16,7 +16,7 @@ use crate::geometry::Mesh;
 use crate::geometry::made::InPieces;
 use crate::geometry::place::place_mesh;
 use crate::math::Transform;
-use crate::prepare::{LEAST_PAGED, STAYING_TRIANGLE};
+use crate::prepare::{LEAST_PAGED, are_worth_pages};
 use crate::replace::{nameless_file, try_replace_entry};
 use crate::texture::cache_dir::{MakersLock, UNSETTLED};
 use crate::texture::convert::Failure;
@@ -266,7 +266,7 @@ impl PageMaker {
     ) -> Result<Option<(PagedMesh, MadePages)>> {
         let triangles: u64 = shape.1.iter().map(|piece| u64::from(piece.triangles)).sum();
         let stays = staying(&shape);
-        if triangles < LEAST_PAGED || 2 * stays > triangles * STAYING_TRIANGLE {
+        if !are_worth_pages(triangles, stays) {
             return Ok(None);
         }
         // Before anything is made.

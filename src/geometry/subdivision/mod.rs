@@ -31,17 +31,12 @@ fn ask(stop: Stop<'_>, vertex: usize) -> Result<()> {
 
 /// How faces of `N` corners are refined.
 trait Scheme<const N: u32> {
-    /// Of a face, when there are no more levels.
-    const TRIANGLES: u32;
-
     /// Each face in four, in order, before rings are found.
     fn divided(surface: &Surface<Sided<N>>) -> Surface<Sided<N>>;
 
-    /// Vertices on the limit surface, with its normals; the triangles of each face in order.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`] when `stop` says so.
-    fn limit(surface: &Surface<Sided<N>>, stop: Stop<'_>) -> Result<TriangleMesh>;
+    /// Where a vertex with this [fan](Surface::fan) is on the limit surface, and two tangents there whose product points
+    /// outwards.
+    fn limit(surface: &Surface<Sided<N>>, vertex: usize, fan: &[u32]) -> (Vec3, [Vec3; 2]);
 
     /// About where the child `child` of the face with these `corners` is.
     fn child(corners: &[Vec3], child: u32) -> Vec<Vec3>;
@@ -90,7 +85,28 @@ fn refined<const N: u32, S: Scheme<N>>(
         surface = S::divided(&surface);
         surface.find_first();
     }
-    S::limit(&surface, stop)
+    limit::<N, S>(&surface, stop)
+}
+
+/// The vertices of `surface` on the limit surface, with its normals; the triangles of each face in order.
+fn limit<const N: u32, S: Scheme<N>>(surface: &Surface<Sided<N>>, stop: Stop<'_>) -> Result<TriangleMesh> {
+    let mut mesh = TriangleMesh::default();
+    let vertices = surface.positions.len();
+    mesh.positions.reserve_exact(vertices + 1);
+    mesh.normals.reserve_exact(vertices);
+    let mut fan = Vec::new();
+    for v in 0..vertices {
+        ask(stop, v)?;
+        surface.fan(v, &mut fan);
+        let (p, [s, t]) = S::limit(surface, v, &fan);
+        mesh.positions.push(p.to_array());
+        mesh.normals.push(s.cross(t).normalize_or_zero().to_array());
+    }
+    let faces = surface.corners.chunks_exact(N as usize);
+    mesh.indices.reserve_exact(faces.len() * Sided::<N>::TRIANGLES as usize);
+    mesh.indices.extend(faces.flat_map(|f| (2..f.len()).map(|k| [f[0], f[k - 1], f[k]])));
+    mesh.pad_positions();
+    Ok(mesh)
 }
 
 fn check(cage: &Cage, levels: u32) -> Result<()> {

@@ -2,10 +2,11 @@
 //!
 //! Invariant: see [`crate::geometry::made`]. Faces keep their order, so that a ring begins where it begins in the whole.
 
-use super::Scheme;
 use super::surface::{NONE, Sided, Sides, Surface};
+use super::{Scheme, limit};
 use crate::geometry::made::{Around, InPieces, Part, Parts, Piece};
 use crate::math::Vec3;
+use crate::stats::KeyBuildHasher;
 use std::collections::HashMap;
 use std::marker::PhantomData;
 
@@ -32,7 +33,7 @@ pub(super) fn divide<const N: u32, S: Scheme<N> + 'static>(
     levels: u32,
     most: u32,
 ) -> InPieces {
-    let triangles = |level: u32| 4u64.saturating_pow(levels - level) * u64::from(S::TRIANGLES);
+    let triangles = |level: u32| 4u64.saturating_pow(levels - level) * u64::from(Sided::<N>::TRIANGLES);
     let level = (0..levels).find(|&level| triangles(level) <= u64::from(most)).unwrap_or(levels);
     let count = control.corners.len() as u32 / N;
     let around = Around::new(control.positions.len(), N, control.corners.iter().copied());
@@ -50,7 +51,7 @@ impl<const N: u32, S: Scheme<N>> Faces<N, S> {
             corners = S::child(&corners, (piece >> (2 * level)) & 3);
         }
         let centre = (corners.iter().sum::<Vec3>() / N as f32).to_array();
-        Piece { triangles: S::TRIANGLES << (2 * (self.levels - self.level)), centre }
+        Piece { triangles: Sided::<N>::TRIANGLES << (2 * (self.levels - self.level)), centre }
     }
 
     /// The faces of the control mesh that are in `faces`, which rise, or at a vertex of these.
@@ -87,12 +88,13 @@ impl<const N: u32> Local<N> {
 impl<const N: u32> Surface<Sided<N>> {
     /// The `faces` of it, which rise, and their vertices.
     fn part(&self, faces: &[u32]) -> Self {
-        let mut vertices: HashMap<u32, u32> = HashMap::with_capacity(faces.len());
+        let mut vertices: HashMap<u64, u32, KeyBuildHasher> =
+            HashMap::with_capacity_and_hasher(faces.len(), KeyBuildHasher::default());
         let mut positions: Vec<Vec3> = Vec::new();
         let (mut corners, mut twins) = (Vec::new(), Vec::new());
         for corner in faces.iter().flat_map(|&f| self.sides.corners(f)) {
             let v = self.corners[corner as usize];
-            corners.push(*vertices.entry(v).or_insert_with(|| {
+            corners.push(*vertices.entry(v.into()).or_insert_with(|| {
                 positions.push(self.positions[v as usize]);
                 positions.len() as u32 - 1
             }));
@@ -121,13 +123,14 @@ impl<const N: u32, S: Scheme<N>> Parts for Faces<N, S> {
             let faces = above(at);
             local = local.refine::<S>(|name| faces.binary_search(&(name >> (2 * (level - at)))).is_ok());
         }
-        let mut mesh = S::limit(&local.surface, &|| false).expect("nobody stops it");
+        let mut mesh = limit::<N, S>(&local.surface, &|| false).expect("nobody stops it");
         let mut part = Part::default();
+        let each = Sided::<N>::TRIANGLES;
         let triangles = std::mem::take(&mut mesh.indices);
-        for (of_face, &name) in triangles.chunks_exact(S::TRIANGLES as usize).zip(&local.names) {
+        for (of_face, &name) in triangles.chunks_exact(each as usize).zip(&local.names) {
             if pieces.binary_search(&(name >> (2 * (self.levels - self.level)))).is_ok() {
                 mesh.indices.extend_from_slice(of_face);
-                part.names.extend((0..S::TRIANGLES).map(|t| S::TRIANGLES * name + t));
+                part.names.extend((0..each).map(|t| each * name + t));
             }
         }
         part.mesh = mesh;

@@ -27,6 +27,11 @@ pub(super) trait Sides {
 #[derive(Clone, Copy)]
 pub(super) struct Sided<const N: u32>;
 
+impl<const N: u32> Sided<N> {
+    /// Of a face that is not divided further.
+    pub(super) const TRIANGLES: u32 = N - 2;
+}
+
 impl<const N: u32> Sides for Sided<N> {
     fn next(&self, corner: u32) -> u32 {
         if corner % N == N - 1 { corner - (N - 1) } else { corner + 1 }
@@ -149,21 +154,49 @@ impl<S: Sides> Surface<S> {
         }
     }
 
-    /// Neighbours of a vertex in order; on a boundary the first and the last lie on it.
-    pub(super) fn ring(&self, vertex: usize, ring: &mut Vec<u32>) {
-        ring.clear();
-        let start = self.first[vertex];
-        if start == NONE {
-            return;
+    /// The corners around a vertex in the order of a walk; on a boundary the first has its edge there. None where no face is.
+    pub(super) fn fan(&self, vertex: usize, fan: &mut Vec<u32>) {
+        fan.clear();
+        if self.first[vertex] != NONE {
+            self.walk(self.first[vertex], |c| fan.push(c));
         }
-        let mut last = start;
-        self.walk(start, |c| {
-            ring.push(self.corners[self.sides.next(c) as usize]);
-            last = c;
-        });
-        if self.boundary[vertex] {
-            ring.push(self.corners[self.sides.previous(last) as usize]);
+    }
+
+    /// Where the neighbours on the boundary are of a vertex with this `fan`: the first and the last.
+    pub(super) fn ends(&self, fan: &[u32]) -> [Vec3; 2] {
+        let [first, last] = [fan[0], fan[fan.len() - 1]];
+        [self.at(self.sides.next(first)), self.at(self.sides.previous(last))]
+    }
+
+    /// (1 − 2 w) p + w Σ of a boundary vertex and its neighbours there.
+    pub(super) fn on_boundary(&self, vertex: usize, fan: &[u32], weight: f32) -> Vec3 {
+        let [first, last] = self.ends(fan);
+        (1.0 - 2.0 * weight) * self.positions[vertex] + weight * (first + last)
+    }
+
+    /// Adds a vertex on each edge to `positions`, half-way on a boundary; elsewhere where `inside` says, given the sum of the
+    /// ends, and the edge as seen from both its faces. Of each corner, the vertex on its edge.
+    pub(super) fn on_edges(
+        &self,
+        positions: &mut Vec<Vec3>,
+        inside: impl Fn(Vec3, [u32; 2]) -> Vec3,
+    ) -> Vec<u32> {
+        let mut middles = vec![NONE; self.corners.len()];
+        for c in 0..self.corners.len() as u32 {
+            if middles[c as usize] != NONE {
+                continue;
+            }
+            middles[c as usize] = positions.len() as u32;
+            let ends = self.at(c) + self.at(self.sides.next(c));
+            positions.push(match self.twins[c as usize] {
+                NONE => 0.5 * ends,
+                twin => {
+                    middles[twin as usize] = positions.len() as u32;
+                    inside(ends, [c, twin])
+                }
+            });
         }
+        middles
     }
 
     /// Where the vertex of a corner is.

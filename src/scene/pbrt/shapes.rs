@@ -25,6 +25,7 @@ const KINDS: [&str; 9] = [
     "curve",
 ];
 const POINT3: &[Type] = &[Type::Point3];
+
 /// Curves that are one surface, at most.
 const MAX_STRANDS: usize = 1 << 16;
 

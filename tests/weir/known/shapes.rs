@@ -136,8 +136,11 @@ fn triangles_and_patches() {
     }
 }
 
-/// The closed uniform cubic B-spline of six points.
-fn closed_spline(rim: &[[f64; 2]]) -> Vec<[f64; 2]> {
+/// Six control points around the origin, as a list, and their closed uniform cubic B-spline.
+fn hexagon() -> (String, Vec<[f64; 2]>) {
+    let rim: Vec<[f64; 2]> =
+        (0..6).map(|i| f64::from(i) * PI / 3.0).map(|a| [1.8 * a.cos(), 1.8 * a.sin()]).collect();
+    let points = crate::support::list(rim.iter().flat_map(|p| [p[0], p[1], 0.0]));
     let mut curve = Vec::new();
     for i in 0..6 {
         for k in 0..200 {
@@ -151,34 +154,28 @@ fn closed_spline(rim: &[[f64; 2]]) -> Vec<[f64; 2]> {
             curve.push([0, 1].map(|c| (0..4).map(|j| w[j] * rim[(i + j) % 6][c] / 6.0).sum::<f64>()));
         }
     }
-    curve
+    (points, curve)
 }
 
 /// One face of six corners: its rim is that of its control points, whatever is inside.
 #[test]
 fn catmull_clark_subdivision_of_a_flat_hexagon() {
-    let rim: Vec<[f64; 2]> =
-        (0..6).map(|i| f64::from(i) * PI / 3.0).map(|a| [1.8 * a.cos(), 1.8 * a.sin()]).collect();
-    let points = crate::support::list(rim.iter().flat_map(|p| [p[0], p[1], 0.0]));
+    let (points, curve) = hexagon();
     let text = format!(
         "Shape \"catmullclark\" \"integer levels\" 7 \"point3 P\" [ {points} ] \
          \"integer facevertexcounts\" 6 \"integer indices\" [ 0 1 2 3 4 5 ]"
     );
-    let curve = closed_spline(&rim);
     check(&text, polygon_area(&curve), |x, y| within(&curve, x, y));
 }
 
 /// The rim of a flat control mesh subdivides to the closed cubic B-spline of its rim's vertices.
 #[test]
 fn loop_subdivision_of_a_flat_fan() {
-    let rim: Vec<[f64; 2]> =
-        (0..6).map(|i| f64::from(i) * PI / 3.0).map(|a| [1.8 * a.cos(), 1.8 * a.sin()]).collect();
-    let points = crate::support::list(rim.iter().flat_map(|p| [p[0], p[1], 0.0]));
+    let (points, curve) = hexagon();
     let indices = crate::support::list((0..6).flat_map(|i| [6, i, (i + 1) % 6]));
     let text = format!(
         "Shape \"loopsubdiv\" \"integer levels\" 6 \"point3 P\" [ {points} 0 0 0 ] \"integer indices\" [ {indices} ]"
     );
-    let curve = closed_spline(&rim);
     // pbrt's limit mask for rims (1, 3, 1)/5 differs from the spline's (1, 4, 1)/6 by a thirtieth of
     // the last level's second difference: below 1e-4 of the area at six levels.
     check(&text, polygon_area(&curve), |x, y| within(&curve, x, y));
