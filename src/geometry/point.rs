@@ -6,7 +6,7 @@ use super::flat::{Flat, Surfaces};
 use super::quadric::{Quadric, QuadricPoint};
 use super::{Mesh, Patches, SurfaceShape, vec3};
 use crate::accel::{Hit, NONE, Ray};
-use crate::math::{Frame, gamma};
+use crate::math::{Frame, gamma, prefetch};
 use glam::{DVec3, Mat4, Vec2, Vec3, Vec3A};
 
 /// Attributes that a material asks for; bits, so that a surface's needs are one byte.
@@ -142,7 +142,7 @@ impl Surfaces<'_> {
     #[inline(always)]
     pub fn prefetch_indices(&self, hit: &Hit, kinds: Kinds) {
         if hit.geometry != NONE {
-            prefetch(self.flat[self.surface_of(hit, kinds)].indices, hit.primitive);
+            soon(self.flat[self.surface_of(hit, kinds)].indices, hit.primitive);
         }
     }
 
@@ -156,11 +156,11 @@ impl Surfaces<'_> {
         // Other shapes than triangles have no indices.
         let Some(&corners) = flat.indices.get(hit.primitive as usize) else { return };
         for i in corners {
-            prefetch(flat.positions, i);
+            soon(flat.positions, i);
         }
         if !flat.normals.is_empty() {
             for i in corners {
-                prefetch(flat.normals, i);
+                soon(flat.normals, i);
             }
         }
         if kinds.attributes
@@ -168,7 +168,7 @@ impl Surfaces<'_> {
             && let Some(mesh) = flat.mesh
         {
             for i in corners {
-                prefetch(&mesh.uvs, i);
+                soon(&mesh.uvs, i);
             }
         }
     }
@@ -381,16 +381,8 @@ fn patch_point(patches: &Patches, hit: &Hit, sign: f32) -> SurfacePoint {
     }
 }
 
-/// A prefetch of element `i` into all cache levels where the target has one. Whether the element is
-/// there does not matter.
+/// A hint that element `i` will be read.
 #[inline(always)]
-fn prefetch<T>(slice: &[T], i: u32) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let at = slice.as_ptr().wrapping_add(i as usize).cast::<i8>();
-        // SAFETY: prefetching is a hint and valid for any address.
-        unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(at) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (slice, i);
+fn soon<T>(slice: &[T], i: u32) {
+    prefetch(slice.as_ptr().wrapping_add(i as usize), 1);
 }

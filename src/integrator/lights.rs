@@ -178,7 +178,7 @@ impl Lights {
     #[inline(always)]
     #[must_use]
     pub fn has_background(&self) -> bool {
-        self.constant != Rgb::ZERO || self.infinite.iter().any(|l| matches!(l, Infinite::Image { .. }))
+        self.constant != Rgb::ZERO || self.has_images()
     }
 
     /// Bytes held by environment maps and the light tree.
@@ -189,7 +189,43 @@ impl Lights {
             Infinite::Distant { .. } => 0,
         });
         let tree = self.tree.as_ref().map_or(0, LightTree::bytes);
-        (maps.sum::<usize>() + tree + self.bounded.len() * size_of::<Bounded>()) as u64
+        maps.sum::<u64>() + (tree + self.bounded.len() * size_of::<Bounded>()) as u64
+    }
+
+    /// Whether any light is an image.
+    #[inline(always)]
+    #[must_use]
+    pub fn has_images(&self) -> bool {
+        self.infinite.iter().any(|l| matches!(l, Infinite::Image { .. }))
+    }
+
+    /// A hint that [`Self::background`] will be asked about `direction`.
+    #[inline]
+    pub fn soon_background(&self, direction: Vec3) {
+        for light in &self.infinite {
+            if let Infinite::Image { map, .. } = light {
+                map.soon(direction);
+            }
+        }
+    }
+
+    /// The image that [`Self::sample`] samples for `u`, if any, and where.
+    #[inline]
+    #[must_use]
+    pub fn image_for(&self, u: [f32; 4]) -> Option<(&EnvironmentMap, Vec2)> {
+        if self.single || u[2] >= self.choose_infinite {
+            return None;
+        }
+        match self.chosen_infinite(u[2] / self.choose_infinite) {
+            Infinite::Image { map, .. } => Some((map, Vec2::new(u[0], u[1]))),
+            Infinite::Distant { .. } => None,
+        }
+    }
+
+    #[inline]
+    fn chosen_infinite(&self, choice: f32) -> &Infinite {
+        let count = self.infinite.len();
+        &self.infinite[((choice * count as f32) as usize).min(count - 1)]
     }
 
     /// Radiance from infinitely far along `direction`, weighted against light sampling where
@@ -252,10 +288,8 @@ impl Lights {
 
     #[inline(never)]
     fn sample_infinite(&self, choice: f32, u: Vec2) -> Option<LightSample> {
-        let count = self.infinite.len();
-        let chosen = ((choice * count as f32) as usize).min(count - 1);
         let pmf = self.pdf_infinite();
-        Some(match &self.infinite[chosen] {
+        Some(match self.chosen_infinite(choice) {
             Infinite::Distant { irradiance, towards } => LightSample {
                 wi: (*towards).into(),
                 radiance: *irradiance,

@@ -37,10 +37,14 @@ impl<A: Accel + ?Sized> World<'_, A> {
         self.materials.textures().store().set_depth(depth);
         let mut draws = Draws::new(depth);
         let mut kept = 0;
+        let images = self.lights.has_images();
         for start in (0..hits.len()).step_by(LANES) {
             let group = start..(start + LANES).min(hits.len());
             if depth < self.max_depth {
                 draws.draw(&paths[group.clone()]);
+            }
+            if images {
+                self.look_ahead(&paths[group.clone()], &hits[group.clone()], &draws, depth);
             }
             for i in group {
                 if let Some(hit) = hits.get(i + PREFETCH_INDICES) {
@@ -58,6 +62,29 @@ impl<A: Accel + ?Sized> World<'_, A> {
             }
         }
         paths.truncate(kept);
+    }
+
+    /// Asks for what a group of paths will read of images of light: those that met nothing what they see, and the others
+    /// what they sample. Each waits for memory then, one after the other; here they wait together.
+    #[inline(never)]
+    fn look_ahead<K: Kernel>(&self, paths: &[Path<K>], hits: &[Hit], draws: &Draws, depth: u32) {
+        let sampled = |lane: usize| {
+            let &[.., a, b, c, d] = draws.numbers(lane);
+            let samples = self.samples_lights && depth < self.max_depth && hits[lane].geometry != NONE;
+            samples.then(|| self.lights.image_for([a, b, c, d])).flatten()
+        };
+        for (lane, path) in paths.iter().enumerate() {
+            if hits[lane].geometry == NONE {
+                self.lights.soon_background(path.direction);
+            } else if let Some((map, u)) = sampled(lane) {
+                map.soon_sampled(u);
+            }
+        }
+        for lane in 0..paths.len() {
+            if let Some((map, u)) = sampled(lane) {
+                map.soon_seen(u);
+            }
+        }
     }
 
     /// Radiance from where no surface is.

@@ -1,11 +1,13 @@
 //! Floats and error bounds, frames, transforms, sampling warps. Knows no scene.
 
 mod frame;
+mod prefetch;
 mod transform;
 pub mod warp;
 
 pub use frame::Frame;
 pub use glam::{DMat4, DVec3, Vec2, Vec3};
+pub use prefetch::prefetch;
 pub use transform::Transform;
 
 /// 1/π.

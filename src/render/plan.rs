@@ -10,6 +10,7 @@ use crate::geometry::made::{DEFAULT_EDGE_PIXELS, View, curve_counts};
 use crate::geometry::pages::{
     DEFAULT_PAGE_BYTES, LEAST_PAGE_BYTES, MOST_PAGE_BYTES, check_page_budget, least_page_budget,
 };
+use crate::integrator::light::env::EnvironmentMap;
 use crate::prepare::{self, Headers, ImageNeeds, Least, RenderPlan};
 use crate::scene::ply::{MeshFacts, survey};
 use crate::scene::{Film, Light, MeshSource, SceneDescription};
@@ -106,14 +107,12 @@ fn mesh_header(mesh: &MeshSource) -> Result<MeshFacts> {
     }
 }
 
-/// Bytes of images of lights at infinity: 12 a texel, and the distribution of their brightness.
+/// Bytes of images of lights at infinity.
 fn environments(scene: &SceneDescription) -> u64 {
     let bytes = |light: &Light| {
         let Light::Image { image, .. } = light else { return 0 };
-        let (w, h) = image_size(&scene.images[image.index()].path)
-            .map_or((0, 0), |(w, h)| (u64::from(w), u64::from(h)));
-        let row = |cells: u64| (cells + 1).next_multiple_of(16) * 17 / 4;
-        12 * w * h + row(w) * h + row(h)
+        let (w, h) = image_size(&scene.images[image.index()].path).unwrap_or_default();
+        EnvironmentMap::bytes_for(w.into(), h.into())
     };
     scene.lights.iter().map(bytes).sum()
 }

@@ -5,7 +5,7 @@
 //! squares is told.
 
 use crate::determinism::everything;
-use crate::support::{outcome, shared_scenes};
+use crate::support::{outcome, shared, shared_scenes};
 use std::path::Path;
 use weir::film::Image;
 use weir::scene::{self, SceneDescription};
@@ -171,6 +171,11 @@ fn scenes(size: (u32, u32)) -> Vec<(String, SceneDescription, RenderSettings)> {
         add(name.to_owned(), &Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("scenes/{name}.pbrt")));
     }
     shared_scenes().iter().for_each(|(name, path)| add(format!("pbrt {name}"), path));
+    for (name, file) in [("cornell", "cornell_box.obj"), ("spot", "spot/spot_triangulated.obj")] {
+        if let Some(folder) = shared(&format!("obj-{name}")) {
+            add(format!("obj {name}"), &folder.join(file));
+        }
+    }
     list
 }
 

@@ -4,13 +4,14 @@
 
 use super::page;
 use super::part::Part;
-use super::plain::{self, Leaves};
+use super::plain::Leaves;
 use super::primitives::Reference;
 use super::query::{Best, Met, Query, Work};
 use super::scene::{BvhScene, INSTANCE, Object, PAGE};
 use super::tree::{Block, LANES};
 use super::triangle::{candidates, candidates_and_hits, intersect};
 use crate::accel::{Geometry, Hit, NONE, Ray};
+use crate::math::prefetch;
 
 /// Triangles of a tree or of a page, and the ray that meets them.
 pub(super) struct Triangles<'s, 'a> {
@@ -27,7 +28,7 @@ impl<'s, 'a> Triangles<'s, 'a> {
     #[inline(always)]
     fn prefetcher(&self) -> impl Fn(usize, usize) + use<'s, 'a> {
         let blocks = self.blocks;
-        move |start, count| plain::prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
+        move |start, count| prefetch(blocks.as_ptr().wrapping_add(start), 3 * count)
     }
 
     /// The geometry of the triangle in lane `lane` of block `at`, and its place.
@@ -148,7 +149,7 @@ fn meet_custom(
 #[inline(always)]
 fn prefetcher(order: &[Reference]) -> impl Fn(usize, usize) + use<> {
     let order = order.as_ptr();
-    move |start, _| plain::prefetch(order.wrapping_add(start), 1)
+    move |start, _| prefetch(order.wrapping_add(start), 1)
 }
 
 pub(super) struct NearestOther<'s, 'a, const COUNT: bool> {

@@ -11,12 +11,12 @@ use super::nodes::{Fma, Form, Nodes, traverse_wide};
 use super::outline::Outline;
 use super::page::PageView;
 use super::part::Part;
-use super::plain::prefetch;
 use super::primitives::{Reference, grown, triangles};
 use super::query::{Best, Met, Query, Work, into_object};
 use super::tree::{Block, MAX_STARTS};
 use crate::accel::{Accel, Custom, Geometry, Hit, InstanceOf, NONE, PageBox, Pages, Ray};
 use crate::error::{Error, Result};
+use crate::math::prefetch;
 use glam::{Mat4, Vec3};
 use std::ops::Range;
 

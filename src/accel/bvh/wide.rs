@@ -2,9 +2,10 @@
 //!
 //! Invariant: the same arithmetic as [`Query::inside`], lane by lane.
 
-use super::plain::{Leaves, MAX_DEPTH, prefetch};
+use super::plain::{Leaves, MAX_DEPTH};
 use super::query::{Query, SLACK, Work};
 use super::tree::{Child, WIDTH, Wide};
+use crate::math::prefetch;
 use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 

@@ -6,7 +6,7 @@
 use super::distribution::Distribution2d;
 use super::octahedral::{sphere_to_square, square_to_sphere};
 use crate::color::{Rgb, luminance};
-use crate::math::{INV_4PI, Transform};
+use crate::math::{INV_4PI, Transform, prefetch};
 use glam::{DMat3, Mat3, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
@@ -218,6 +218,47 @@ impl EnvironmentMap {
         self.lookup(self.square(wi))
     }
 
+    /// A hint that the texels around a point of the unit square will be read.
+    #[inline]
+    fn soon_at(&self, uv: Vec2) {
+        let half = if self.filter == EnvFilter::Nearest { 0.0 } else { 0.5 };
+        let at = uv * Vec2::new(self.width as f32, self.height as f32) - half;
+        // Casts keep to what there is: at the seams this names a neighbour.
+        let i = at.y as usize * self.width + at.x as usize;
+        let rows = if self.filter == EnvFilter::Nearest { 1 } else { 2 };
+        for row in 0..rows {
+            let left = self.texels.as_ptr().wrapping_add(i + row * self.width);
+            prefetch(left, 1);
+            prefetch(left.wrapping_add(1), 1);
+        }
+    }
+
+    /// A hint that [`Self::radiance`] and [`Self::pdf`] will be asked about `wi`.
+    #[inline]
+    pub fn soon(&self, wi: Vec3) {
+        let uv = self.square(wi);
+        self.soon_at(uv);
+        if let Some(distribution) = &self.distribution {
+            let at = uv * Vec2::new(self.width as f32, self.height as f32);
+            distribution.soon_at(at.x as usize, at.y as usize);
+        }
+    }
+
+    /// A hint that `u` will be [sampled](Self::sample).
+    #[inline]
+    pub fn soon_sampled(&self, u: Vec2) {
+        self.distribution.iter().for_each(|d| d.soon(u));
+    }
+
+    /// A hint that the radiance of what `u` samples will be read, to follow [`Self::soon_sampled`] in some nanoseconds.
+    #[inline]
+    pub fn soon_seen(&self, u: Vec2) {
+        let Some(distribution) = &self.distribution else { return };
+        let cell = distribution.sample(u);
+        let at = Vec2::new(cell.x as f32, cell.y as f32) + cell.offset;
+        self.soon_at(at / Vec2::new(self.width as f32, self.height as f32));
+    }
+
     /// A direction in proportion to luminance. `None` where the map is black.
     #[inline]
     #[must_use]
@@ -306,10 +347,16 @@ impl EnvironmentMap {
         self.replaced
     }
 
-    /// Memory held.
+    /// Memory held; a black map holds less.
     #[must_use]
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.texels[..]) + self.distribution.as_ref().map_or(0, Distribution2d::bytes)
+    pub fn bytes(&self) -> u64 {
+        Self::bytes_for(self.width as u64, self.height as u64)
+    }
+
+    /// Memory that a map of this size holds.
+    #[must_use]
+    pub fn bytes_for(width: u64, height: u64) -> u64 {
+        size_of::<[f32; 3]>() as u64 * width * height + Distribution2d::bytes_for(width, height)
     }
 }
 
