@@ -199,12 +199,12 @@ impl Lights {
         self.infinite.iter().any(|l| matches!(l, Infinite::Image { .. }))
     }
 
-    /// A hint that [`Self::background`] will be asked about `direction`.
+    /// A hint that [`Self::background`] will be asked.
     #[inline]
-    pub fn soon_background(&self, direction: Vec3) {
+    pub fn soon_background(&self, direction: Vec3, pdf: f32) {
         for light in &self.infinite {
             if let Infinite::Image { map, .. } = light {
-                map.soon(direction);
+                map.soon(direction, pdf > 0.0);
             }
         }
     }

@@ -75,7 +75,7 @@ impl<A: Accel + ?Sized> World<'_, A> {
         };
         for (lane, path) in paths.iter().enumerate() {
             if hits[lane].geometry == NONE {
-                self.lights.soon_background(path.direction);
+                self.lights.soon_background(path.direction, path.pdf);
             } else if let Some((map, u)) = sampled(lane) {
                 map.soon_sampled(u);
             }

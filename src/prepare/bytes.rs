@@ -78,8 +78,9 @@ const PAGE_UNUSED: u64 = 400;
 const PAGE_STAYS: u64 = 120 + 8 + 32 + 64;
 /// Of a triangle in a page that is made: its share of a piece.
 const MADE_STAYS: u64 = 2;
-/// Of a segment of a curve.
-const RUN: u64 = 108;
+/// Of a run of a curve, and of the frame that each begins with but the first of a strand.
+const RUN: u64 = 44;
+const FRAME: u64 = 64;
 /// Of a surface that is neither mesh nor patches.
 const QUADRIC: u64 = 320;
 
@@ -183,7 +184,8 @@ fn control_bytes(source: &MeshSource, facts: &MeshFacts) -> u64 {
         MeshSource::Displaced { .. } => facts.triangles * MADE_STAYS,
         // A segment has a run at least.
         MeshSource::Curves(strands) => {
-            facts.triangles * MADE_STAYS + strands.iter().map(|s| RUN * s.points.len() as u64).sum::<u64>()
+            let runs = |segments: u64| RUN * segments + FRAME * segments.saturating_sub(1);
+            facts.triangles * MADE_STAYS + strands.iter().map(|s| runs(s.points.len() as u64)).sum::<u64>()
         }
     }
 }

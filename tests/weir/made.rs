@@ -278,6 +278,37 @@ fn what_is_too_much_as_a_whole_comes_and_goes() {
     }
 }
 
+/// Each has a run and no frame, the least that strands are kept as beside their triangles, which are few.
+#[test]
+fn ribbons_of_one_segment_come_and_go() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let frame = Frame { size: (16, 16), spp: 1, max_depth: 1 };
+    let mut text = head("LookAt 0 0 -4  0 0 0  0 1 0\nCamera \"perspective\"", frame);
+    for i in 0..8000 {
+        let (x, y) = (f64::from(i % 100) * 0.02 - 1.0, f64::from(i / 100) * 0.025 - 1.0);
+        let points: Vec<String> = (0..4).map(|k| format!("{x} {} 0", y + 0.005 * f64::from(k))).collect();
+        text += &format!(
+            "Shape \"curve\" \"string type\" \"ribbon\" \"normal N\" [ 0 0 -1 0 0 -1 ] \"point3 P\" [ {} ] \
+             \"float width\" .01\n",
+            points.join(" ")
+        );
+    }
+    let scene = crate::support::scene(&text);
+    let settings = RenderSettings {
+        backend: Backend::Native,
+        threads: Some(1),
+        cache_dir: Some(folder.path().join("cache")),
+        ..RenderSettings::default()
+    };
+    let whole = render(&scene, &settings);
+    let memory = least(&scene, &settings);
+    assert!(memory < whole.stats.memory.all_geometry, "{memory}");
+    let bounded = render(&scene, &RenderSettings { geometry_memory: Some(memory), ..settings });
+    assert!(bounded.stats.geometry_cache.is_some_and(|cache| cache.total.counts.misses_compulsory > 0));
+    assert!(bounded.stats.memory.accounted.geometry <= memory, "{:?}", bounded.stats.memory);
+    assert_eq!(bits(&whole.image), bits(&bounded.image));
+}
+
 #[test]
 fn the_plan_says_what_is_displaced_and_counts_curves() {
     let folder = tempfile::tempdir().expect("a temporary folder");

@@ -175,7 +175,9 @@ fn bytes_are_those_of_a_render() {
             assert_eq!(plan.bytes.textures, stats.memory.all_textures, "{kind}");
             assert!(plan.bytes.textures > 100_000);
             assert_eq!(plan.bytes.film, stats.memory.accounted.film);
-            assert!(plan.bytes.lights >= stats.memory.accounted.lights);
+            // At most a place in the tree of lights that none takes.
+            let lights = stats.memory.accounted.lights;
+            assert!((lights..=lights + 1000).contains(&plan.bytes.lights), "{kind}: {lights}");
             assert_eq!(plan, stats.plan, "one plan for both");
         }
     }

@@ -103,7 +103,9 @@ fn divided<S: Sides>(surface: &Surface<S>) -> Surface<Quads> {
     let faces = corners.last().map_or(0, |_| sides.face(corners.len() as u32 - 1) + 1);
     let middles: Vec<Vec3> = (0..faces).map(|face| middle_of(surface, face)).collect();
     let middle = |corner: u32| middles[sides.face(corner) as usize];
-    let (mut positions, mut fan) = (Vec::with_capacity(2 * corners.len()), Vec::new());
+    let edges = (0u32..).zip(twins).filter(|&(c, &twin)| c < twin).count();
+    let vertices = surface.positions.len() + middles.len() + edges;
+    let (mut positions, mut fan) = (Vec::with_capacity(vertices), Vec::new());
     for v in 0..surface.positions.len() {
         surface.fan(v, &mut fan);
         positions.push(smoothed(surface, v, &fan, middle));

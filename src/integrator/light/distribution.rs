@@ -7,18 +7,24 @@
 //! each begins (Chen and Asau 1974), so that a sample touches two cache lines of a row, or three.
 
 use crate::math::prefetch;
+use bytemuck::{Pod, Zeroable};
 use glam::Vec2;
 
 /// The end of every cumulated row; below 2³², so that it is an entry like others.
 const TOTAL: u32 = u32::MAX - 255;
-/// Entries of a block, a cache line of them.
+/// Entries of a block.
 const BLOCK: usize = 16;
 /// Blocks that are tried one after the other; among more, halves are.
 const FEW: usize = 4;
 
+/// Entries that lie in one cache line.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Block([u32; BLOCK]);
+
 /// Rows of cumulated weights.
 struct Rows {
-    starts: Vec<u32>,
+    blocks: Vec<Block>,
     /// By row for each of as many equal parts as there are blocks the block that it begins in, and the last one that
     /// holds anything.
     guide: Vec<u32>,
@@ -29,12 +35,26 @@ impl Rows {
     fn new(width: usize, count: usize) -> Self {
         // One entry more than cells, so that a cell's end is the next one's start.
         let stride = (width + 1).next_multiple_of(BLOCK);
-        Self { starts: vec![TOTAL; stride * count], guide: vec![0; (stride / BLOCK + 1) * count], stride }
+        Self {
+            blocks: vec![Block([TOTAL; BLOCK]); stride / BLOCK * count],
+            guide: vec![0; (stride / BLOCK + 1) * count],
+            stride,
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        (size_of_val(&self.blocks[..]) + size_of_val(&self.guide[..])) as u64
     }
 
     fn bytes_for(width: u64, count: u64) -> u64 {
         let stride = (width + 1).next_multiple_of(BLOCK as u64);
         size_of::<u32>() as u64 * count * (stride + stride / BLOCK as u64 + 1)
+    }
+
+    /// A row's entries.
+    #[inline]
+    fn starts(&self, row: usize) -> &[u32] {
+        &bytemuck::cast_slice(&self.blocks)[row * self.stride..][..self.stride]
     }
 
     /// Stores a row of non-negative finite weights; returns their sum.
@@ -44,7 +64,8 @@ impl Rows {
             let positive = weights.iter().filter(|&&w| w > 0.0).count();
             // One unit for each positive cell, the rest by weight.
             let scale = (f64::from(TOTAL) - positive as f64) / total;
-            let starts = &mut self.starts[row * self.stride..][..self.stride];
+            let starts: &mut [u32] = bytemuck::cast_slice_mut(&mut self.blocks);
+            let starts = &mut starts[row * self.stride..][..self.stride];
             let (mut sum, mut before) = (0.0, 0u32);
             for (start, &w) in starts.iter_mut().zip(weights) {
                 *start = (sum * scale) as u32 + before;
@@ -83,7 +104,7 @@ impl Rows {
     #[inline]
     fn soon(&self, row: usize, u: f32) {
         let (block, _) = self.blocks(row, Self::scaled(u) as u32);
-        prefetch(self.starts.as_ptr().wrapping_add(row * self.stride + block * BLOCK), 1);
+        prefetch(self.blocks.as_ptr().wrapping_add(row * (self.stride / BLOCK) + block), 1);
     }
 
     /// (cell, position within it in [0, 1), width in units of 1/TOTAL).
@@ -91,7 +112,7 @@ impl Rows {
     fn find(&self, row: usize, u: f32) -> (usize, f32, u32) {
         let x = Self::scaled(u);
         let key = x as u32;
-        let starts = &self.starts[row * self.stride..][..self.stride];
+        let starts = self.starts(row);
         let (mut block, last) = self.blocks(row, key);
         if last - block > FEW {
             let (mut low, mut high) = (block + 1, last + 1);
@@ -119,8 +140,8 @@ impl Rows {
     /// (start, width) of a cell.
     #[inline]
     fn cell(&self, row: usize, cell: usize) -> (u32, u32) {
-        let at = row * self.stride + cell;
-        (self.starts[at], self.starts[at + 1] - self.starts[at])
+        let starts = self.starts(row);
+        (starts[cell], starts[cell + 1] - starts[cell])
     }
 }
 
@@ -167,6 +188,12 @@ impl Distribution2d {
         })
     }
 
+    /// Memory held.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.rows.bytes() + self.marginal.bytes()
+    }
+
     /// Memory that one of this size holds.
     #[must_use]
     pub fn bytes_for(width: u64, height: u64) -> u64 {
@@ -192,7 +219,7 @@ impl Distribution2d {
     /// A hint that the probability of a cell will be asked for.
     #[inline]
     pub fn soon_at(&self, x: usize, y: usize) {
-        prefetch(self.rows.starts.as_ptr().wrapping_add(y * self.rows.stride + x), 1);
+        prefetch(self.rows.blocks.as_ptr().wrapping_add((y * self.rows.stride + x) / BLOCK), 1);
     }
 
     /// The probability of a cell.
@@ -264,8 +291,7 @@ mod tests {
                 let mut rows = Rows::new(width, 2);
                 let weights: Vec<f32> = (0..width).map(weight).collect();
                 rows.fill(1, &weights);
-                let held = size_of_val(&rows.starts[..]) + size_of_val(&rows.guide[..]);
-                assert_eq!(Rows::bytes_for(width as u64, 2), held as u64);
+                assert_eq!(Rows::bytes_for(width as u64, 2), rows.bytes());
                 let ends = [0.0, 1.0 - f32::EPSILON / 2.0];
                 let borders: Vec<f32> =
                     (0..width).map(|x| (f64::from(rows.cell(1, x).0) / f64::from(TOTAL)) as f32).collect();

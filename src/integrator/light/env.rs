@@ -218,29 +218,20 @@ impl EnvironmentMap {
         self.lookup(self.square(wi))
     }
 
-    /// A hint that the texels around a point of the unit square will be read.
+    /// A hint that a texel will be read, and perhaps its neighbours. One that is not there does no harm.
     #[inline]
-    fn soon_at(&self, uv: Vec2) {
-        let half = if self.filter == EnvFilter::Nearest { 0.0 } else { 0.5 };
-        let at = uv * Vec2::new(self.width as f32, self.height as f32) - half;
-        // Casts keep to what there is: at the seams this names a neighbour.
-        let i = at.y as usize * self.width + at.x as usize;
-        let rows = if self.filter == EnvFilter::Nearest { 1 } else { 2 };
-        for row in 0..rows {
-            let left = self.texels.as_ptr().wrapping_add(i + row * self.width);
-            prefetch(left, 1);
-            prefetch(left.wrapping_add(1), 1);
-        }
+    fn soon_at(&self, x: usize, y: usize) {
+        prefetch(self.texels.as_ptr().wrapping_add(y * self.width + x), 1);
     }
 
-    /// A hint that [`Self::radiance`] and [`Self::pdf`] will be asked about `wi`.
+    /// A hint that [`Self::radiance`] will be asked about `wi`, and [`Self::pdf`] if it is `weighted`.
     #[inline]
-    pub fn soon(&self, wi: Vec3) {
-        let uv = self.square(wi);
-        self.soon_at(uv);
-        if let Some(distribution) = &self.distribution {
-            let at = uv * Vec2::new(self.width as f32, self.height as f32);
-            distribution.soon_at(at.x as usize, at.y as usize);
+    pub fn soon(&self, wi: Vec3, weighted: bool) {
+        let at = self.square(wi) * Vec2::new(self.width as f32, self.height as f32);
+        let (x, y) = (at.x as usize, at.y as usize);
+        self.soon_at(x, y);
+        if let Some(distribution) = self.distribution.as_ref().filter(|_| weighted) {
+            distribution.soon_at(x, y);
         }
     }
 
@@ -255,8 +246,7 @@ impl EnvironmentMap {
     pub fn soon_seen(&self, u: Vec2) {
         let Some(distribution) = &self.distribution else { return };
         let cell = distribution.sample(u);
-        let at = Vec2::new(cell.x as f32, cell.y as f32) + cell.offset;
-        self.soon_at(at / Vec2::new(self.width as f32, self.height as f32));
+        self.soon_at(cell.x, cell.y);
     }
 
     /// A direction in proportion to luminance. `None` where the map is black.
@@ -347,13 +337,13 @@ impl EnvironmentMap {
         self.replaced
     }
 
-    /// Memory held; a black map holds less.
+    /// Memory held.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        Self::bytes_for(self.width as u64, self.height as u64)
+        size_of_val(&self.texels[..]) as u64 + self.distribution.as_ref().map_or(0, Distribution2d::bytes)
     }
 
-    /// Memory that a map of this size holds.
+    /// Memory that a map of this size holds where anything shines.
     #[must_use]
     pub fn bytes_for(width: u64, height: u64) -> u64 {
         size_of::<[f32; 3]>() as u64 * width * height + Distribution2d::bytes_for(width, height)
